@@ -104,6 +104,19 @@ def test_direction_corrects_rolling_shutter(measure):
     assert speeds[1]["mean_speed_std"] > 3 * speeds[0]["mean_speed_std"]
 
 
+def test_rows_of_a_turned_camera(measure):
+    """Exact: `--readout` replaces the order that the file states; --going is where it moved."""
+    given = "--exposure", "2ms", "--line-time", "15us", "--json", "--going"
+    across = 44 * 15e-6 / 2e-3  # columns crossed, in exposures; rows: 14
+    speeds = {
+        (readout, going): json.loads(measure(*given, going, "--readout", readout).stdout)
+        for readout, going in (("right", "right"), ("left", "right"), ("down", "right"))
+    }
+    right, left, down = (one["mean_speed"] for one in speeds.values())
+    assert left / right == pytest.approx((1 + across) / (1 - across), rel=0.05)
+    assert down / right == pytest.approx((1 + across) / (1 + across * 14 / 44), rel=0.02)
+
+
 def test_draws_overlay(measure, folder, tmp_path):
     """Exact: of the width of other sheets."""
     result = measure("--overlay", tmp_path / "m.png", "--image", folder / "image.png")
@@ -126,7 +139,11 @@ def test_draws_overlay(measure, folder, tmp_path):
         (("--scale", "1,2,3,4=0m"), "--scale must be above 0"),
         (("--exposure", "1//60"), "--exposure must be a time like 1/60"),
         (("--exposure", "-4ms"), "--exposure must be above 0, got '-4ms'"),
-        (("--line-time", "-1us"), "--line-time must be 0 or more, got '-1us'"),
+        (
+            ("--line-time", "-1us"),
+            "must be 0 or more, got '-1us'; if rows are read from the bottom",
+        ),
+        (("--readout", "back"), "--readout must be down, up, left or right, got 'back'"),
         (("--scale", "1,2,3=1m"), "--scale must be x0,y0,x1,y1=length"),
         (("--scale", "1,2,1,2=1m"), "the two points must differ"),
         (("--scale", "1mm", "--radius", "1cm"), "give one of --radius, --diameter"),
@@ -136,7 +153,7 @@ def test_draws_overlay(measure, folder, tmp_path):
         (("--rate", "2"), "No such option: --rate"),
         (("--line-time", "1us"), "--line-time needs --exposure"),
         (("--line-time", "15ms", "--exposure", "4ms"), "is 1.08 s for 72 rows"),
-        (("--going", "left"), "--going must be down or up, got 'left'"),
+        (("--going", "in"), "--going must be down, up, left or right, got 'in'"),
         (("--out", "m.txt"), "is written as .json or .csv"),
     ],
 )

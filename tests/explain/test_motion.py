@@ -62,6 +62,14 @@ def test_motion_in_words_omits_what_does_not_apply():
         (motion_of(*LINE).speed(), "the scale is missing for meters per second"),
         (replace(motion_of(*LINE), exposure_time=None).speed(), "scale and the exposure time are"),
         (motion_of(*LINE).speed(), "rolling shutter that takes 20 ms"),
+        (
+            motion_of(*LINE).speed(),
+            "too large for a motion down in the picture, too small for one up",
+        ),
+        (
+            replace(motion_of(*LINE), readout="left").speed(exposure_time=0.1),
+            "too large for a motion to the left in the picture, too small for one to the right",
+        ),
         (motion_of(*LINE).speed(exposure_time=1e-4), "the speed may be entirely different"),
         (motion_of(*LINE).speed(line_time=1e-5), "direction of time"),
     ],

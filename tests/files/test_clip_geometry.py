@@ -4,6 +4,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
 from blurmatte.files.clip_geometry import check_square_pixels, orientation_of
 
@@ -48,6 +49,9 @@ def test_pixels_are_shown_where_the_matrix_puts_them(name, scale):
     assert np.array_equal(orientation.upright(stored), right)
     assert np.array_equal(orientation.stored(right), stored)
     assert orientation.size(frame) == right.shape[::-1]
+    (first_y,), (first_x,) = (at[right == stored[0, 0]] for at in np.indices(right.shape))
+    (next_y,), (next_x,) = (at[right == stored[1, 0]] for at in np.indices(right.shape))
+    assert DIRECTIONS[orientation.readout] == (next_x - first_x, next_y - first_y)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ import tifffile
 from numpy.testing import assert_allclose
 from PIL import Image, ImageOps
 
+from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
 from blurmatte.files.raster import as_stored, save_pixels
@@ -79,6 +80,19 @@ def test_pixels_are_turned_as_pillow_turns_them(tmp_path, ramp, orientation, ext
     image = read(path, transfer=SRGB)
     assert image.rgb.shape == theirs.shape
     assert_allclose(255 * SRGB.encode(image.rgb), theirs, atol=2 if extension == "jpg" else 1e-3)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_readout_is_from_each_stored_row_to_the_next(tmp_path, orientation, extension):
+    # oracle: where light that increases from row to row of the file increases in the picture
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    stored = np.repeat(np.linspace(20, 200, 8, dtype=np.uint8)[:, None], 8, axis=1)
+    Image.fromarray(np.dstack([stored] * 3)).save(tmp_path / f"a.{extension}", exif=exif)
+    image = read(tmp_path / f"a.{extension}", transfer=SRGB)
+    down, right = (np.sign(np.diff(image.rgb[..., 0], axis=axis)).mean() for axis in (0, 1))
+    assert DIRECTIONS[image.meta.readout] == (right, down)
 
 
 @pytest.mark.parametrize("extension", ["jpg", "tif", "exr"])

@@ -4,10 +4,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from blurmatte.checks import Direction
 from blurmatte.explain.numbers import with_error
 from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
 
+# The direction of readout, and the opposite one
+_TOWARDS: dict[Direction, tuple[str, str]] = {
+    "down": ("down", "up"),
+    "up": ("up", "down"),
+    "left": ("to the left", "to the right"),
+    "right": ("to the right", "to the left"),
+}
 _PATHS = {
     "line": "a straight line at constant speed",
     "arc": "an arc at constant speed",
@@ -130,9 +138,10 @@ def speed_in_words(speed: Speed) -> Iterator[str]:
             "from line to line."
         )
         return
+    later, earlier = _TOWARDS[speed.readout]
     yield (
         f"If the camera has a rolling shutter that takes {1000 * USUAL_READOUT_S:.0f} ms from the "
         f"first row to the last, the error of the speed is up to {speed.unknown:.1%}: too large for a "
-        "motion down in the picture, too small for one up. Give the time from line to line to correct "
-        "it."
+        f"motion {later} in the picture, too small for one {earlier}. Give the time from line to line "
+        "to correct it."
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Direction
 from blurmatte.errors import FileError
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
@@ -27,6 +28,13 @@ class Orientation:
     def size(self, frame: Any) -> tuple[int, int]:
         """Width and height of an upright `VideoFrame`."""
         return (frame.height, frame.width) if self.transposed else (frame.width, frame.height)
+
+    @property
+    def readout(self) -> Direction:
+        """Where the next stored row lies in the upright frame."""
+        if self.transposed:
+            return "left" if self.left_right else "right"
+        return "up" if self.upside_down else "down"
 
     def upright(self, codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """(H, W, …) pixels as they are shown; a view."""

@@ -157,7 +157,8 @@ def _light(
     light = to_srgb_primaries(table.take(codes), clip.encoding)
     when = f" ({time:.2f} s)" if time is not None else ""
     name = f"{clip.path.name} frame {number}{when}"
-    meta = Meta(name, clip.encoding.curves[0], 2**clip.bits, time=time, coding=coding)
+    curve, readout = clip.encoding.curves[0], clip.orientation.readout
+    meta = Meta(name, curve, 2**clip.bits, time=time, coding=coding, readout=readout)
     return LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, Bools
+from blurmatte.checks import MAX_PIXELS, Bools, Direction
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import (
     RAW,
@@ -305,6 +305,12 @@ def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
     if orientation in (2, 4, 5, 7):
         turned = turned[:, ::-1]
     return np.ascontiguousarray(turned)
+
+
+def readout_of(orientation: int) -> Direction:
+    """Where the next stored row lies in a picture that is turned upright by an EXIF orientation."""
+    turned: dict[int, Direction] = {3: "up", 4: "up", 5: "right", 6: "left", 7: "left", 8: "right"}
+    return turned.get(orientation, "down")
 
 
 def as_stored(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:

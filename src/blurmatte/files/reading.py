@@ -16,7 +16,7 @@ from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb
 from blurmatte.files.errors import RAW, check_premultiplied, kind_of
 from blurmatte.files.exr import with_exr_parts
 from blurmatte.files.icc import Profile
-from blurmatte.files.raster import Raster, load
+from blurmatte.files.raster import Raster, load, readout_of
 from blurmatte.files.raw import read_raw
 from blurmatte.jpeg import compression_of
 from blurmatte.layer import Layer
@@ -185,6 +185,7 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         color_space="sRGB",
         converted=encoding is not None and encoding.matrix is not None,
         compression=_compression(raster, encoding),
+        readout=readout_of(raster.orientation),
     )
 
 

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from blurmatte.checks import (
     MAX_LIGHT,
     Bools,
+    Direction,
     Floats,
     check_box,
     check_finite,
@@ -59,6 +60,9 @@ class Meta:
         The file's JPEG compression; None if it has none or is unknown.
     coding : FrameCoding or None
         Errors of a frame of a clip by the quantizers of its codec; None if it is none.
+    readout : "down", "up", "left" or "right"
+        Where the next row of the sensor lies in the picture, which is shown upright: a file turned by
+        180° has "up". A rolling shutter exposes rows in this order.
     """
 
     source: str = ""
@@ -75,6 +79,7 @@ class Meta:
     time: float | None = None
     compression: Compression | None = field(default=None, repr=False)
     coding: FrameCoding | None = field(default=None, repr=False, compare=False)
+    readout: Direction = "down"
 
     @property
     def sharing(self) -> Compression | None:

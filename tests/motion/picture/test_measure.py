@@ -277,6 +277,29 @@ def test_at_border_is_true_for_cut_streaks(at):
         assert motion.at_border == (at[0] < 20)
 
 
+def test_border_is_reached_by_the_outline_not_by_a_circle_around_it():
+    """Exact: a stick that moves along itself, and the same across the border; also if it turns."""
+    long = np.log(84 / 14) / 2
+    radius = np.sqrt(42 * 7)
+    for y, reached in ((14.0, False), (6.0, True)):
+        stick = sweep_of(LINE, [45, y, 51, y], ELLIPSE, [radius, long, 0])
+        assert of_sweep(stick).at_border == reached
+    turning = Silhouette(2, turns=True)
+    for turn, reached in ((0.1, False), (1.5, True)):  # its ends rise by 2 and by 29 pixels
+        stick = sweep_of(LINE, [45, 25, 51, 25], turning, [radius, long, 0, turn])
+        assert of_sweep(stick).at_border == reached
+
+
+def test_readout_of_the_image_is_kept():
+    """Exact: from its statistics; also of moments."""
+    sweep = sweep_of(*PATHS[0])
+    for solution in (solution_of(sweep.alpha, sweep=sweep), solution_of(sweep.alpha)):
+        assert measure_motion(solution).readout == "down"
+        turned = replace(solution, stats={**solution.stats, "readout": "left"})
+        assert measure_motion(turned).readout == "left"
+        assert measure_motion(turned).reversed.readout == "left"
+
+
 def test_separate_parts_and_large_residuals_give_doubts():
     """Exact: two separate discs, and a sweep with a large residual."""
     alpha = drawn(0.3, 8, 5, at=(20, 30)) + drawn(0.3, 8, 5, at=(70, 30))
