@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,11 +50,38 @@ def test_measure_prints_sentences(measure):
     """Exact: including missing inputs."""
     result = measure()
     assert (result.exit_code, result.stderr) == (0, "")
-    found = re.match(r"Motion\(around \(([\d.]+), ([\d.]+)\), ", result.stdout)
+    found = re.search(r"Motion\(around \(([\d.]+), ([\d.]+)\), ", result.stdout)
     assert np.allclose([float(value) for value in found.groups()], (48, 35), atol=0.2)
     assert "a disc on a straight line at constant speed" in result.stdout
     assert "or the opposite one: one picture does not determine which" in result.stdout
     assert "the scale and the exposure time are missing" in result.stdout
+
+
+def test_grade_and_its_reasons_precede_every_number_of_an_answer(folder, tmp_path):
+    """Exact: in every command that prints one; also in the numbers for machines."""
+    solution = bm.read_solution(folder / "layer.exr")
+    stats = {**solution.stats, "grade": "assumed", "grade_reasons": ("shape", "noise")}
+    bm.write(tmp_path / "layer.exr", replace(solution, stats=stats))
+    reasons = "assumed: the shape is uncertain, so that one had to be assumed, and noise is large"
+    points = [("26,28", "0,0"), ("70,28", "1,0"), ("70,42", "1,1"), ("26,42", "0,1")]
+    plane = [part for pixel, place in points for part in ("--on-plane", f"{pixel}={place}")]
+    for command in (
+        ("measure",),
+        ("locate", *plane),
+        ("sharpen", "--out", tmp_path / "sharp.png"),
+        ("paints", "--color", "#d02020", "--color", "#2040d0", "--out", tmp_path / "paints"),
+        ("info",),
+    ):
+        name, *options = command
+        result = run(name, tmp_path / "layer.exr", *options)
+        assert result.exit_code == 0, (command, result.stderr)
+        lines = result.stdout.splitlines()
+        assert any(line.startswith(reasons) for line in lines), command
+        if name != "info":
+            assert lines[0].startswith(reasons), command
+    numbers = json.loads(run("measure", tmp_path / "layer.exr", "--json").stdout)
+    assert numbers["grade"] == "assumed"
+    assert numbers["in_words"][0].startswith(reasons)
 
 
 def test_measured_numbers_are_right(measure, tmp_path):

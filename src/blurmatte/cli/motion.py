@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, flag, option, output, waiting
+from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import (
     direction,
@@ -110,7 +110,7 @@ def measure(
         picture = reading.read(drawing.image)
         with about(drawing.overlay):
             bm.write(drawing.overlay, bm.draw_motion(picture, solution, motion))
-    _answer(motion, found, out, as_json)
+    _answer(solution, motion, found, out, as_json)
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def locate(
         if plane is not None:
             path = _sweep(solution, "--on-plane")
             found.append(bm.measure_on_plane(path, plane, time, time_std, *height))
-    _answer(motion, [motion, *found], out, as_json)
+    _answer(solution, motion, [motion, *found], out, as_json)
 
 
 def _time(text: str | None) -> tuple[float | None, float]:
@@ -214,14 +214,23 @@ def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.Motion]:
         return solution, bm.measure_motion(solution)
 
 
-def _answer(motion: bm.Motion, found: Sequence[Any], out: Path | None, as_json: bool) -> None:
-    """Print the results, and write all numbers."""
+def _answer(
+    solution: bm.Solution,
+    motion: bm.Motion,
+    found: Sequence[Any],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Print the grade and the results, and write all numbers."""
     words = [words for thing in found for words in bm.explain(thing)]
-    row = {name: value for thing in found for name, value in thing.numbers().items()}
+    graded = grade_lines(solution)
+    row = {"grade": str(solution.grade) if graded else None}
+    row |= {name: value for thing in found for name, value in thing.numbers().items()}
+    words = [f"{line}." for line in graded] + words
     numbers = {**row, **_over_time(motion), "in_words": words}
     if out is not None:
         bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
-    answer(as_json, numbers, [motion, *words])
+    answer(as_json, numbers, [words[0], motion, *words[1:]] if graded else [motion, *words])
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:

@@ -75,8 +75,8 @@ def _path(motion: Motion) -> Iterator[str]:
     length = f"{with_error(motion.length, motion.length_std)} px"
     if not motion.moved:
         yield (
-            f"It moved {length}: no more than the error, it may have been at rest; its direction is "
-            "unknown."
+            f"It moved {length}: noise alone may look like that, so that it may have been at rest; its "
+            "direction is unknown."
         )
         return
     least = "at least " if motion.at_border else ""

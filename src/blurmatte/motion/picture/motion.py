@@ -38,6 +38,7 @@ from blurmatte.trajectory import Trajectory
 
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
 MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact
+MIN_EXCESS_STD = 3.5  # standard deviations by which a motion exceeds rest
 # Standard deviations by which a path differs from its perpendicular if `going` gives it a direction
 MIN_DIRECTED_STD = 3.0
 USUAL_READOUT_S = 0.02  # of a rolling shutter, from the first row to the last
@@ -345,11 +346,17 @@ class Motion:
     def moved(self) -> bool:
         """True if the length is significant; else the object may have been at rest.
 
-        Alpha depends on the square of a short length. The square must be 3.5 times its error, and its
-        relative error is twice that of the length. Noise alone exceeds this in 1 of 500 pictures:
-        exp(−3.5² / 2) in two dimensions.
+        A motion of the length L is seen by the extent of the streak along its path, E = √(L² + w²),
+        with the extent w at rest: √3 radii of a disc, by the variance along the path. E − w must be 3.5
+        times its error L/E std, with the std of L: L must be 3.5 (1 + w/E) std. That is 3.5 std of a
+        long path, and 7 std of a short one, whose square it is that alpha depends on. Noise alone
+        exceeds this in 1 of 500 pictures: exp(−3.5² / 2) in two dimensions. Moments measure the square
+        of any length: for these it is 7 std.
         """
-        return self.length > 2 * 3.5 * self.length_std
+        at_rest = np.sqrt(3) * self.radius
+        extent = max(np.hypot(self.length, at_rest), 1e-12)
+        factor = 2.0 if self.source == "moments" else 1 + at_rest / extent
+        return bool(self.length > MIN_EXCESS_STD * factor * self.length_std)
 
     @property
     def reversed(self) -> Motion:
