@@ -2,7 +2,6 @@
 
 import struct
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -72,22 +71,6 @@ def orientation_of(path: Path, frame: Any) -> Orientation:
         )
     (a, b), (c, d) = signs
     return Orientation(not a, min(a, c) < 0, min(b, d) < 0)
-
-
-def check_square_pixels(path: Path, size: tuple[int, int], aspect: Fraction | None) -> None:
-    """Raise FileError unless stored frames of this size are shown in it, within a pixel.
-
-    `aspect` is the width of a pixel over its height.
-    """
-    width, height = size
-    if not aspect or abs(aspect - 1) * max(size) < 1:
-        return
-    shown = round(width * aspect)
-    raise FileError(
-        f"{path}: export it with square pixels (ffmpeg -i … -vf scale={shown}:{height},setsar=1); its "
-        f"pixels are {aspect.numerator}:{aspect.denominator}, {width}x{height} are shown as "
-        f"{shown}x{height}"
-    )
 
 
 def check_progressive(path: Path, frame: Any, field_order: int) -> None:
