@@ -38,6 +38,10 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
             motion_of("line", [45, 36, 45.1, 36]),
             "it may have been at rest; its direction is unknown",
         ),
+        (
+            replace(motion_of("line", [45, 36, 45.1, 36]), doubts=("The fit did not converge.",)),
+            "for the reason above this does not mean that it was at rest",
+        ),
         (replace(motion_of(*LINE), source="moments"), "are not known without a shape"),
         (replace(motion_of(*LINE), doubts=("It is two things.",)), "It is two things."),
     ],
@@ -45,6 +49,13 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
 def test_motion_in_words(motion, said):
     """Exact."""
     assert said in " ".join(explain(motion))
+
+
+def test_rest_is_not_stated_of_a_doubtful_fit():
+    """Exact: nor of a long path."""
+    doubted = replace(motion_of("line", [45, 36, 45.1, 36]), doubts=("It is two things.",))
+    for motion in (doubted, motion_of(*LINE, std=3.0)):
+        assert "may have been at rest" not in " ".join(explain(motion))
 
 
 def test_motion_in_words_omits_what_does_not_apply():
