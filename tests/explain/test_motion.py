@@ -40,7 +40,7 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
         ),
         (
             replace(motion_of("line", [45, 36, 45.1, 36]), doubts=("The fit did not converge.",)),
-            "for the reason above this does not mean that it was at rest",
+            "is not significant; for the reason above this does not mean that it was at rest",
         ),
         (replace(motion_of(*LINE), source="moments"), "are not known without a shape"),
         (replace(motion_of(*LINE), doubts=("It is two things.",)), "It is two things."),

@@ -75,8 +75,8 @@ def _path(motion: Motion) -> Iterator[str]:
     length = f"{with_error(motion.length, motion.length_std)} px"
     if not motion.moved and motion.doubts:
         yield (
-            f"Its path of {length} is no longer than its error; for the reason above this does not mean "
-            "that it was at rest, and its direction is unknown."
+            f"Its path of {length} is not significant; for the reason above this does not mean that it "
+            "was at rest, and its direction is unknown."
         )
         return
     if not motion.moved:
