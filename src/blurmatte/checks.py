@@ -4,8 +4,9 @@ Called by constructors and public functions only; internal functions do not chec
 Sizes are (width, height); shapes are NumPy's (height, width, ...).
 """
 
+from collections.abc import Mapping
 from types import NoneType, UnionType
-from typing import Any
+from typing import Any, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,14 @@ Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
 Bools = npt.NDArray[np.bool_]
 Box = tuple[int, int, int, int]  # (x0, y0, x1, y1) pixels; x1 and y1 are one past the last
+Direction = Literal["right", "down", "left", "up"]
+# Unit vectors (x, y) of the picture
+DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
+    "right": (1, 0),
+    "down": (0, 1),
+    "left": (-1, 0),
+    "up": (0, -1),
+}
 MAX_PIXELS = 200_000_000  # default limit of pictures that are read
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
 
@@ -53,6 +62,13 @@ def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> 
         of = kinds.__args__ if isinstance(kinds, UnionType) else (kinds,)
         names = " or ".join(kind.__name__ for kind in of if kind is not NoneType)
         raise TypeError(f"{name} must be a {names}, got {type(value).__name__}; {hint}")
+
+
+def check_direction(name: str, value: object) -> None:
+    """Raise ValueError unless it is the name of a direction in the picture."""
+    if value not in get_args(Direction):
+        known = ", ".join(get_args(Direction))
+        raise ValueError(f"{name} must be one of {known}, got {value!r}")
 
 
 def check_box(box: Box, size: tuple[int, int]) -> None:

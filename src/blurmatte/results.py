@@ -213,6 +213,7 @@ def _facts(picture: LinearImage) -> dict[str, Any]:
         "transfer": meta.transfer.name if meta.transfer else "linear",
         "levels": meta.levels,
         "exposure_time_seconds": meta.exposure_time,
+        "readout": meta.readout,
         "valid_share": float(np.mean(picture.valid)),
     }
 

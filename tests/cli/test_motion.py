@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -49,11 +50,38 @@ def test_measure_prints_sentences(measure):
     """Exact: including missing inputs."""
     result = measure()
     assert (result.exit_code, result.stderr) == (0, "")
-    found = re.match(r"Motion\(around \(([\d.]+), ([\d.]+)\), ", result.stdout)
+    found = re.search(r"Motion\(around \(([\d.]+), ([\d.]+)\), ", result.stdout)
     assert np.allclose([float(value) for value in found.groups()], (48, 35), atol=0.2)
     assert "a disc on a straight line at constant speed" in result.stdout
     assert "or the opposite one: one picture does not determine which" in result.stdout
     assert "the scale and the exposure time are missing" in result.stdout
+
+
+def test_grade_and_its_reasons_precede_every_number_of_an_answer(folder, tmp_path):
+    """Exact: in every command that prints one; also in the numbers for machines."""
+    solution = bm.read_solution(folder / "layer.exr")
+    stats = {**solution.stats, "grade": "assumed", "grade_reasons": ("shape", "noise")}
+    bm.write(tmp_path / "layer.exr", replace(solution, stats=stats))
+    reasons = "assumed: the shape is uncertain, so that one had to be assumed, and noise is large"
+    points = [("26,28", "0,0"), ("70,28", "1,0"), ("70,42", "1,1"), ("26,42", "0,1")]
+    plane = [part for pixel, place in points for part in ("--on-plane", f"{pixel}={place}")]
+    for command in (
+        ("measure",),
+        ("locate", *plane),
+        ("sharpen", "--out", tmp_path / "sharp.png"),
+        ("paints", "--color", "#d02020", "--color", "#2040d0", "--out", tmp_path / "paints"),
+        ("info",),
+    ):
+        name, *options = command
+        result = run(name, tmp_path / "layer.exr", *options)
+        assert result.exit_code == 0, (command, result.stderr)
+        lines = result.stdout.splitlines()
+        assert any(line.startswith(reasons) for line in lines), command
+        if name != "info":
+            assert lines[0].startswith(reasons), command
+    numbers = json.loads(run("measure", tmp_path / "layer.exr", "--json").stdout)
+    assert numbers["grade"] == "assumed"
+    assert numbers["in_words"][0].startswith(reasons)
 
 
 def test_measured_numbers_are_right(measure, tmp_path):
@@ -104,6 +132,19 @@ def test_direction_corrects_rolling_shutter(measure):
     assert speeds[1]["mean_speed_std"] > 3 * speeds[0]["mean_speed_std"]
 
 
+def test_rows_of_a_turned_camera(measure):
+    """Exact: `--readout` replaces the order that the file states; --going is where it moved."""
+    given = "--exposure", "2ms", "--line-time", "15us", "--json", "--going"
+    across = 44 * 15e-6 / 2e-3  # columns crossed, in exposures; rows: 14
+    speeds = {
+        (readout, going): json.loads(measure(*given, going, "--readout", readout).stdout)
+        for readout, going in (("right", "right"), ("left", "right"), ("down", "right"))
+    }
+    right, left, down = (one["mean_speed"] for one in speeds.values())
+    assert left / right == pytest.approx((1 + across) / (1 - across), rel=0.05)
+    assert down / right == pytest.approx((1 + across) / (1 + across * 14 / 44), rel=0.02)
+
+
 def test_draws_overlay(measure, folder, tmp_path):
     """Exact: of the width of other sheets."""
     result = measure("--overlay", tmp_path / "m.png", "--image", folder / "image.png")
@@ -126,7 +167,11 @@ def test_draws_overlay(measure, folder, tmp_path):
         (("--scale", "1,2,3,4=0m"), "--scale must be above 0"),
         (("--exposure", "1//60"), "--exposure must be a time with its unit"),
         (("--exposure", "-4ms"), "--exposure must be above 0, got '-4ms'"),
-        (("--line-time", "-1us"), "--line-time must be 0 or more, got '-1us'"),
+        (
+            ("--line-time", "-1us"),
+            "must be 0 or more, got '-1us'; if rows are read from the bottom",
+        ),
+        (("--readout", "back"), "--readout must be down, up, left or right, got 'back'"),
         (("--scale", "1,2,3=1m"), "--scale must be x0,y0,x1,y1=length"),
         (("--scale", "1,2,1,2=1m"), "the two points must differ"),
         (("--scale", "1mm", "--radius", "1cm"), "give one of --radius, --diameter"),
@@ -136,7 +181,7 @@ def test_draws_overlay(measure, folder, tmp_path):
         (("--rate", "2"), "No such option: --rate"),
         (("--line-time", "1us"), "--line-time needs --exposure"),
         (("--line-time", "15ms", "--exposure", "4ms"), "is 1.08 s for 72 rows"),
-        (("--going", "left"), "--going must be down or up, got 'left'"),
+        (("--going", "in"), "--going must be down, up, left or right, got 'in'"),
         (("--out", "m.txt"), "is written as .json or .csv"),
     ],
 )

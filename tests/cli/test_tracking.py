@@ -87,6 +87,10 @@ def test_speed_allows_for_rolling_shutter():
     assert stds == pytest.approx([0, 0, (fast - slow) / 2], abs=1e-9)
     per_exposure = table(rows, None, [], replace(known, time=None))
     assert [line["speed"] for line in per_exposure[:3]] == [100.0] * 3
+    turned = [replace(row, sighting=s and replace(s, readout="left"))
+              for row, (s, _) in zip(rows, seen, strict=True)]  # fmt: skip
+    speeds = [line["speed"] for line in table(turned, None, [], known)[:2]]
+    assert speeds == pytest.approx([100 / 0.0088, 100 / 0.0112])  # 60 columns from right to left
     impossible = table(rows, None, [], replace(known, line_time=2e-4))
     assert impossible[1]["speed"] is None
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)

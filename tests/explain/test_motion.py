@@ -38,6 +38,10 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
             motion_of("line", [45, 36, 45.1, 36]),
             "it may have been at rest; its direction is unknown",
         ),
+        (
+            replace(motion_of("line", [45, 36, 45.1, 36]), doubts=("The fit did not converge.",)),
+            "is not significant; for the reason above this does not mean that it was at rest",
+        ),
         (replace(motion_of(*LINE), source="moments"), "are not known without a shape"),
         (replace(motion_of(*LINE), doubts=("It is two things.",)), "It is two things."),
     ],
@@ -45,6 +49,13 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
 def test_motion_in_words(motion, said):
     """Exact."""
     assert said in " ".join(explain(motion))
+
+
+def test_rest_is_not_stated_of_a_doubtful_fit():
+    """Exact: nor of a long path."""
+    doubted = replace(motion_of("line", [45, 36, 45.1, 36]), doubts=("It is two things.",))
+    for motion in (doubted, motion_of(*LINE, std=3.0)):
+        assert "may have been at rest" not in " ".join(explain(motion))
 
 
 def test_motion_in_words_omits_what_does_not_apply():
@@ -62,6 +73,14 @@ def test_motion_in_words_omits_what_does_not_apply():
         (motion_of(*LINE).speed(), "the scale is missing for meters per second"),
         (replace(motion_of(*LINE), exposure_time=None).speed(), "scale and the exposure time are"),
         (motion_of(*LINE).speed(), "rolling shutter that takes 20 ms"),
+        (
+            motion_of(*LINE).speed(),
+            "too large for a motion down in the picture, too small for one up",
+        ),
+        (
+            replace(motion_of(*LINE), readout="left").speed(exposure_time=0.1),
+            "too large for a motion to the left in the picture, too small for one to the right",
+        ),
         (motion_of(*LINE).speed(exposure_time=1e-4), "the speed may be entirely different"),
         (motion_of(*LINE).speed(line_time=1e-5), "direction of time"),
     ],

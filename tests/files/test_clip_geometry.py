@@ -4,8 +4,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
-from blurmatte.files.clip_geometry import check_square_pixels, orientation_of
+from blurmatte.files.clip_geometry import orientation_of
+from blurmatte.files.errors import check_square_pixels
 
 NAMED = {
     "none": ((1, 0), (0, 1)),
@@ -48,6 +50,9 @@ def test_pixels_are_shown_where_the_matrix_puts_them(name, scale):
     assert np.array_equal(orientation.upright(stored), right)
     assert np.array_equal(orientation.stored(right), stored)
     assert orientation.size(frame) == right.shape[::-1]
+    (first_y,), (first_x,) = (at[right == stored[0, 0]] for at in np.indices(right.shape))
+    (next_y,), (next_x,) = (at[right == stored[1, 0]] for at in np.indices(right.shape))
+    assert DIRECTIONS[orientation.readout] == (next_x - first_x, next_y - first_y)
 
 
 @pytest.mark.parametrize(
@@ -69,7 +74,7 @@ def test_other_matrices_are_refused(frame):
 def test_pixels_that_are_not_square_are_refused():
     # door: but not the ratio of a size that is rounded to whole pixels
     with pytest.raises(FileError, match=r"scale=320:240,.* 4:3, 240x240 are shown as 320x240"):
-        check_square_pixels("a.mp4", (240, 240), Fraction(4, 3))
+        check_square_pixels("a.mp4", (240, 240), Fraction(4, 3), "scale={}:{},setsar=1")
     with pytest.raises(FileError, match="768x576"):
         check_square_pixels("a.mp4", (720, 576), Fraction(16, 15))
     for aspect in (None, Fraction(1), Fraction(1280, 1281)):

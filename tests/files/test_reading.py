@@ -1,3 +1,5 @@
+import struct
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +11,7 @@ from numpy.testing import assert_allclose
 from PIL import Image, ImageOps
 
 import blurmatte as bm
+from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
 from blurmatte.files.raster import as_stored, save_pixels
@@ -80,6 +83,83 @@ def test_pixels_are_turned_as_pillow_turns_them(tmp_path, ramp, orientation, ext
     image = read(path, transfer=SRGB)
     assert image.rgb.shape == theirs.shape
     assert_allclose(255 * SRGB.encode(image.rgb), theirs, atol=2 if extension == "jpg" else 1e-3)
+
+
+def with_density(path, picture, unit, x, y):
+    """A PNG, JPEG or TIFF with these densities; unit 0 is none, 1 is the meter or inch."""
+    if path.suffix == ".tif":
+        tifffile.imwrite(
+            path, picture, photometric="rgb", resolution=(x, y), resolutionunit=unit + 1
+        )
+        return
+    Image.fromarray(picture).save(path)
+    data = path.read_bytes()
+    if path.suffix == ".png":
+        body = b"pHYs" + struct.pack(">IIB", x, y, unit)
+        chunk = struct.pack(">I", 9) + body + struct.pack(">I", zlib.crc32(body))
+        path.write_bytes(data[:33] + chunk + data[33:])  # behind the header
+    else:
+        at = data.index(b"JFIF\0") + 7
+        path.write_bytes(data[:at] + struct.pack(">BHH", unit, x, y) + data[at + 5 :])
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "x", "y", "shown"),
+    [
+        ("a.png", 1, 300, 150, "1:2, 40x30 are shown as 20x30"),  # twice as many columns as rows
+        ("a.png", 0, 45, 64, "64:45, 40x30 are shown as 57x30"),
+        ("a.jpg", 1, 300, 150, "1:2, 40x30 are shown as 20x30"),
+        ("a.jpg", 2, 150, 300, "2:1, 40x30 are shown as 80x30"),
+        ("a.jpg", 0, 2, 1, "2:1, 40x30 are shown as 80x30"),  # the shape of a pixel
+        ("a.tif", 1, 300, 150, "1:2, 40x30 are shown as 20x30"),
+        ("a.tif", 0, 1, 2, "2:1, 40x30 are shown as 80x30"),
+    ],
+)
+def test_pixels_that_are_not_square_are_refused(tmp_path, ramp, name, unit, x, y, shown):
+    # door: as those of clips are; the size shows which side is too short
+    picture = np.ascontiguousarray(np.resize(ramp, (30, 40, 3)))
+    with_density(tmp_path / name, picture, unit, x, y)
+    with pytest.raises(
+        FileError, match=f"export it with square pixels as .*its pixels are {shown}"
+    ):
+        read(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif"])
+@pytest.mark.parametrize(("unit", "x", "y"), [(1, 72, 72), (0, 1, 1), (0, 0, 64), (1, 0, 0)])
+def test_square_and_meaningless_densities_are_accepted(tmp_path, ramp, name, unit, x, y):
+    with_density(tmp_path / name, ramp, unit, x, y)
+    assert read(tmp_path / name, transfer=SRGB).rgb.shape == ramp.shape
+
+
+@pytest.mark.parametrize(("aspect", "square"), [(1.0, True), (2.0, False)])
+def test_exr_of_pixels_that_are_not_square_is_refused(tmp_path, ramp, aspect, square):
+    # door: also as a layer
+    spec = oiio.ImageSpec(*ramp.shape[1::-1], 4, "float")
+    spec["PixelAspectRatio"] = aspect
+    target = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
+    assert target.open(str(tmp_path / "a.exr"), spec)
+    assert target.write_image(np.full((*ramp.shape[:2], 4), 0.5, np.float32))
+    target.close()
+    for reads in (read, read_layer):
+        if square:
+            reads(tmp_path / "a.exr")
+        else:
+            with pytest.raises(FileError, match="its pixels are 2:1"):
+                reads(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_readout_is_from_each_stored_row_to_the_next(tmp_path, orientation, extension):
+    # oracle: where light that increases from row to row of the file increases in the picture
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    stored = np.repeat(np.linspace(20, 200, 8, dtype=np.uint8)[:, None], 8, axis=1)
+    Image.fromarray(np.dstack([stored] * 3)).save(tmp_path / f"a.{extension}", exif=exif)
+    image = read(tmp_path / f"a.{extension}", transfer=SRGB)
+    down, right = (np.sign(np.diff(image.rgb[..., 0], axis=axis)).mean() for axis in (0, 1))
+    assert DIRECTIONS[image.meta.readout] == (right, down)
 
 
 @pytest.mark.parametrize("extension", ["jpg", "tif", "exr"])

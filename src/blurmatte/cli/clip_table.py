@@ -195,8 +195,8 @@ def _median_and_scatter(found: Sequence[bm.Sighting]) -> Length:
 def _speed(moved: Length | None, unit: str, known: Known, row: bm.FrameMotion) -> dict[str, Any]:
     """Mean speed within the exposure and its error, from the path length.
 
-    A rolling shutter shows what moves down for longer than the exposure, and what moves up for less. If
-    the direction is not known, half of the difference is an error.
+    A rolling shutter shows what moves towards later rows for longer than the exposure, and what moves
+    towards earlier ones for less. If the direction is not known, half of the difference is an error.
     """
     unit += "/exposure" if known.time is None else "/s"
     T, T_std = known.time or (1.0, 0.0)
@@ -213,7 +213,8 @@ def _durations(row: bm.FrameMotion, known: Known) -> list[float]:
     """How long it may have been seen, in seconds, or exposures if their time is not known."""
     if known.time is None or row.sighting is None:
         return [1.0]
-    later = known.line_time * (row.sighting.last_y - row.sighting.first_y)
+    _, first, last = row.sighting.rows
+    later = known.line_time * (last - first)
     return [known.time[0] + sign * later for sign in ((1,) if row.directed else (1, -1))]
 
 

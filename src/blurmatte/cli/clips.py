@@ -6,12 +6,13 @@ import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.console import about, complain, waiting, with_progress
+from blurmatte.cli.quantities import Direction
 
 Places: TypeAlias = "Sequence[bm.BallPlace | None]"
 Record: TypeAlias = "Callable[[bm.FrameSightings], None]"
@@ -69,6 +70,9 @@ class ClipTask:
     inputs: tuple[Path, ...]  # files whose contents must be equal to resume
     settings: dict[str, Any]  # of the reading, which must be equal too
     ball: KnownBall | None = None
+    readout: Direction | None = (
+        None  # where the next row of the sensor lies; None: as the file says
+    )
 
     @property
     def unfinished(self) -> Path | None:
@@ -148,6 +152,8 @@ def measure_frames(
         new = with_progress(seen, "measuring", len(frames) - len(old))
         kept = _kept(old, new, record)
         rows = bm.link_objects(kept, task.min_frames) if task.several else bm.link_sightings(kept)
+        if task.readout is not None:
+            rows = [_read_out(row, task.readout) for row in rows]
         places = None
         if task.ball is not None:
             places = task.ball.places(frames, plate, rows, model, workers)
@@ -169,6 +175,13 @@ def _given_color(text: str | None) -> bm.ColorModel | None:
     if text == "any":
         return bm.ColorModel.any()
     return bm.ColorModel.from_hex(text)
+
+
+def _read_out(row: bm.FrameMotion, readout: Direction) -> bm.FrameMotion:
+    """The row of a camera whose next row lies in this direction."""
+    if row.sighting is None:
+        return row
+    return replace(row, sighting=replace(row.sighting, readout=readout))
 
 
 def _kept(

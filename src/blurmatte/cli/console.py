@@ -208,6 +208,13 @@ def color_numbers(model: bm.ColorModel) -> dict[str, Any]:
     }
 
 
+def grade_lines(solution: bm.Solution) -> list[str]:
+    """The grade of an answer with its reasons, in a line; none if it has no grade."""
+    from blurmatte.explain.grade import grade_in_words  # imports all of the library
+
+    return grade_in_words(solution)
+
+
 def by(size: tuple[int, int]) -> str:
     """A size in words: 640x480."""
     return f"{size[0]}x{size[1]}"

@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, argument, flag, option, waiting, with_progress
+from blurmatte.cli.console import (
+    about,
+    answer,
+    argument,
+    flag,
+    grade_lines,
+    option,
+    waiting,
+    with_progress,
+)
 from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_outputs
 from blurmatte.cli.rows import ROWS
 from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
@@ -71,6 +80,8 @@ def paints(
         written = bm.save_exposures(out, solution.layer, exposures)
     sums = exposures.fraction.sum(axis=(0, 1), dtype=float)
     areas = list(zip(color, sums, strict=True))
-    lines = [f"{hex_color}: {total:.6g} pixels times exposure" for hex_color, total in areas]
-    numbers = {"pixels_times_exposure": dict(areas), "files": written}
+    graded = grade_lines(solution)
+    lines = [*graded, *(f"{name}: {total:.6g} pixels times exposure" for name, total in areas)]
+    numbers: dict[str, Any] = {"grade": str(solution.grade) if graded else None}
+    numbers |= {"pixels_times_exposure": dict(areas), "files": written}
     answer(as_json, numbers, [*lines, *written])

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, flag, option, output, waiting
+from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
-from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
-from blurmatte.cli.scales import LENGTH, SIZE, BallSize, ScaleOptions, check_camera
+from blurmatte.cli.quantities import (
+    direction,
+    meters,
+    meters_per_second,
+    time_of_exposure,
+    time_of_line,
+)
+from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Readout, ScaleOptions, check_camera
 from blurmatte.cli.selection import Layer, Reading
 
 PLANE = "A plane"
@@ -38,11 +44,14 @@ class Timing:
     line_time: Annotated[
         str | None, option("TIME", "From row to row of a rolling shutter: 15us.", SIZE)
     ] = None
-    going: Annotated[str | None, option("down|up", "With --line-time, if known.", SIZE)] = None
+    readout: Readout = None
+    going: Annotated[
+        str | None, option("down|up|left|right", "With --line-time, if known.", SIZE)
+    ] = None
 
     def __post_init__(self) -> None:
-        if self.going not in (None, "down", "up"):
-            raise ValueError(f"--going must be down or up, got {self.going!r}")
+        direction("--going", self.going)
+        direction("--readout", self.readout)
         if self.going is not None and self.line_time is None:
             raise ValueError("--going needs --line-time, the time per row of a rolling shutter")
 
@@ -87,10 +96,12 @@ def measure(
     check_file(out, "a motion", ".json", ".csv")
     time, time_std = _time(timing.exposure)
     line = None if timing.line_time is None else time_of_line("--line-time", timing.line_time)
-    downward = None if timing.going is None else timing.going == "down"
+    going = direction("--going", timing.going)
     solution, motion = _read(layer, reading)
+    if readout := direction("--readout", timing.readout):
+        motion = replace(motion, readout=readout)
     with about(layer), waiting("measuring"):
-        speed = motion.speed(scale.of_motion(motion), time, time_std, line, downward)
+        speed = motion.speed(scale.of_motion(motion), time, time_std, line, going)
         found: list[Any] = [motion, speed]
         if rotation:
             exposed = (motion.exposure_time if time is None else time, time_std)
@@ -99,7 +110,7 @@ def measure(
         picture = reading.read(drawing.image)
         with about(drawing.overlay):
             bm.write(drawing.overlay, bm.draw_motion(picture, solution, motion))
-    _answer(motion, found, out, as_json)
+    _answer(solution, motion, found, out, as_json)
 
 
 @dataclass(frozen=True)
@@ -186,7 +197,7 @@ def locate(
         if plane is not None:
             path = _sweep(solution, "--on-plane")
             found.append(bm.measure_on_plane(path, plane, time, time_std, *height))
-    _answer(motion, [motion, *found], out, as_json)
+    _answer(solution, motion, [motion, *found], out, as_json)
 
 
 def _time(text: str | None) -> tuple[float | None, float]:
@@ -203,14 +214,23 @@ def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.Motion]:
         return solution, bm.measure_motion(solution)
 
 
-def _answer(motion: bm.Motion, found: Sequence[Any], out: Path | None, as_json: bool) -> None:
-    """Print the results, and write all numbers."""
+def _answer(
+    solution: bm.Solution,
+    motion: bm.Motion,
+    found: Sequence[Any],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Print the grade and the results, and write all numbers."""
     words = [words for thing in found for words in bm.explain(thing)]
-    row = {name: value for thing in found for name, value in thing.numbers().items()}
+    graded = grade_lines(solution)
+    row = {"grade": str(solution.grade) if graded else None}
+    row |= {name: value for thing in found for name, value in thing.numbers().items()}
+    words = [f"{line}." for line in graded] + words
     numbers = {**row, **_over_time(motion), "in_words": words}
     if out is not None:
         bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
-    answer(as_json, numbers, [motion, *words])
+    answer(as_json, numbers, [words[0], motion, *words[1:]] if graded else [motion, *words])
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:

@@ -6,6 +6,9 @@ import math
 import re
 from bisect import bisect_left
 from collections.abc import Sequence
+from typing import Literal, TypeAlias
+
+Direction: TypeAlias = Literal["right", "down", "left", "up"]  # in the picture
 
 _PLAIN = r"\s*[-+]?(\d+\.?\d*|\.\d+)\s*"
 _ROUNDING_S = 1e-3  # of times as people type them
@@ -113,8 +116,19 @@ def time_of_line(name: str, text: str) -> float:
     """A time that may be 0, seconds."""
     value, _ = _with_error(name, text, "time", _TIME)
     if value < 0:
-        raise ValueError(f"{name} must be 0 or more, got {text!r}")
+        raise ValueError(
+            f"{name} must be 0 or more, got {text!r}; if rows are read from the bottom of the picture "
+            "to its top, give --readout up"
+        )
     return value
+
+
+def direction(name: str, text: str | None) -> Direction | None:
+    """A direction in the picture, if it is given."""
+    match text:
+        case None | "down" | "up" | "left" | "right":
+            return text
+    raise ValueError(f"{name} must be down, up, left or right, got {text!r}")
 
 
 def meters_per_second(name: str, text: str) -> tuple[float, float]:

@@ -14,6 +14,10 @@ from blurmatte.cli.quantities import length, numbers
 SIZE = "True size and time"
 LENGTH = "LENGTH[±ERROR]"
 Quantity = tuple[float, float]  # a value and its error
+Readout = Annotated[
+    str | None,
+    option("down|up|left|right", "Where the sensor's next row lies; else the file's.", SIZE),
+]
 
 _FAR_OFF_AXIS = 0.1  # of width and height, from the middle: no lens is mounted so
 

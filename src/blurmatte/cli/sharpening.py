@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, argument, option, waiting
+from blurmatte.cli.console import about, answer, argument, grade_lines, option, waiting
 from blurmatte.cli.output_checks import (
     CLIPS,
     CLIPS_OF_LAYERS,
@@ -98,7 +98,7 @@ def sharpen(
             one["misfit"] = None
         else:
             line += ", misfit {misfit:.2f} (1 is noise)"
-        lines.append(line.format(**one))
+        lines += [*filter(None, [one["grade"]]), line.format(**one)]
         if "spin" in one:
             lines.append(_text_of(one["spin"]))
     if image is None:
@@ -127,8 +127,8 @@ def _sharpened(
     reading: Reading,
     sheet: Path | None,
     spin: str,
-) -> Iterator[bm.Sharp]:
-    """The sharp object of each layer; only one of them is in memory at a time."""
+) -> Iterator[tuple[list[str], bm.Sharp]]:
+    """Grade and sharp object of each layer; only one of them is in memory at a time."""
     for file in files:
         with about(file):
             solution = bm.read_solution(file, reading.max_pixels)
@@ -142,7 +142,7 @@ def _sharpened(
         if sheet is not None:
             with about(sheet):
                 bm.write(sheet, bm.draw_sharp(sharp, solution.layer, image is not None))
-        yield sharp
+        yield grade_lines(solution), sharp
 
 
 def _numbers_of(spin: bm.Spin) -> dict[str, Any]:
@@ -179,7 +179,7 @@ def _text_of(spin: dict[str, Any]) -> str:
 
 def _write(
     out: Path,
-    sharps: Iterator[bm.Sharp],
+    sharps: Iterator[tuple[list[str], bm.Sharp]],
     frames: int,
     plate: bm.LinearImage | None,
     rate: float,
@@ -189,9 +189,10 @@ def _write(
 
     def layers() -> Iterator[bm.Layer]:
         """All moments, in order."""
-        for sharp in sharps:
+        for graded, sharp in sharps:
             answers.append(
                 {
+                    "grade": graded[0] if graded else None,
                     "frames": frames,
                     "color_std": float((sharp.node_std**2).mean() ** 0.5),
                     "misfit": sharp.misfit,

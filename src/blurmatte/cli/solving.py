@@ -27,6 +27,7 @@ from blurmatte.cli.console import (
     argument,
     color_numbers,
     complain,
+    grade_lines,
     in_degrees,
     option,
     output,
@@ -387,9 +388,9 @@ def _curve_doubts(
 
 def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
     """Grade, colors, plate, other streaks, and the sheet."""
-    from blurmatte.explain.grade import also_fits, grade_in_words
+    from blurmatte.explain.grade import also_fits
 
-    graded = *grade_in_words(solution), *also_fits(solution)
+    graded = *grade_lines(solution), *also_fits(solution)
     lines = [*graded, str(solution), in_degrees(solution.model)]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")

@@ -12,9 +12,9 @@ from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, wo
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
 from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
-from blurmatte.cli.quantities import acceleration, time_of_exposure, time_of_line
+from blurmatte.cli.quantities import acceleration, direction, time_of_exposure, time_of_line
 from blurmatte.cli.rows import given_files
-from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
+from blurmatte.cli.scales import SIZE, Readout, ScaleOptions, check_camera
 from blurmatte.cli.selection import OBJECT, Chosen, Clip, Reading
 
 RUN = "The run"
@@ -61,6 +61,7 @@ class Physics(ScaleOptions):
     line_time: Annotated[
         str | None, option("TIME", "From row to row of a rolling shutter.", SIZE)
     ] = None
+    readout: Readout = None
     gravity: Annotated[
         str | None,
         option("G|X,Y|X,Y,Z[±ERROR]", "Of a fall, m/s²: gives the scale.", SIZE),
@@ -78,6 +79,7 @@ class Physics(ScaleOptions):
                 "--camera needs --radius or --diameter, the ball's true size; if it is unknown, give "
                 "a guess and --gravity: the fall determines the factor of all lengths"
             )
+        direction("--readout", self.readout)
         self.gravity_vector, self.line_seconds, self.exposure_seconds  # noqa: B018
 
     @property
@@ -150,6 +152,7 @@ def track(
         given_files(clip, plate, followed.color, reading.transfer),
         {"frames": chosen.frames, "transfer": reading.transfer},
         ball,
+        direction("--readout", physics.readout),
     )
     check_outputs(out, overlay, task.unfinished)
     frames = _frames(clip, chosen, reading, physics)
@@ -164,7 +167,8 @@ def _frames(
     """The frames to measure, after a check of their times and the camera."""
     with about(Path(clip[0])):
         frames = reading.frames(clip, chosen.frames)
-        _check_times(physics, chosen.rate or frames.rate, frames.size[1])
+        # A sensor has no fewer rows than the shorter side of its picture has pixels.
+        _check_times(physics, chosen.rate or frames.rate, min(frames.size))
         if physics.ball is not None:
             check_camera(physics.ball.lens, frames.size)
     return frames

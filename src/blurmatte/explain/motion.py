@@ -4,10 +4,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from blurmatte.checks import Direction
 from blurmatte.explain.numbers import with_error
 from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
 
+# The direction of readout, and the opposite one
+_TOWARDS: dict[Direction, tuple[str, str]] = {
+    "down": ("down", "up"),
+    "up": ("up", "down"),
+    "left": ("to the left", "to the right"),
+    "right": ("to the right", "to the left"),
+}
 _PATHS = {
     "line": "a straight line at constant speed",
     "arc": "an arc at constant speed",
@@ -65,10 +73,16 @@ def _position(motion: Motion) -> Iterator[str]:
 
 def _path(motion: Motion) -> Iterator[str]:
     length = f"{with_error(motion.length, motion.length_std)} px"
+    if not motion.moved and motion.doubts:
+        yield (
+            f"Its path of {length} is not significant; for the reason above this does not mean that it "
+            "was at rest, and its direction is unknown."
+        )
+        return
     if not motion.moved:
         yield (
-            f"It moved {length}: no more than the error, it may have been at rest; its direction is "
-            "unknown."
+            f"It moved {length}: noise alone may look like that, so that it may have been at rest; its "
+            "direction is unknown."
         )
         return
     least = "at least " if motion.at_border else ""
@@ -130,9 +144,10 @@ def speed_in_words(speed: Speed) -> Iterator[str]:
             "from line to line."
         )
         return
+    later, earlier = _TOWARDS[speed.readout]
     yield (
         f"If the camera has a rolling shutter that takes {1000 * USUAL_READOUT_S:.0f} ms from the "
         f"first row to the last, the error of the speed is up to {speed.unknown:.1%}: too large for a "
-        "motion down in the picture, too small for one up. Give the time from line to line to correct "
-        "it."
+        f"motion {later} in the picture, too small for one {earlier}. Give the time from line to line "
+        "to correct it."
     )

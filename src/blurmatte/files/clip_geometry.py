@@ -2,13 +2,13 @@
 
 import struct
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Direction
 from blurmatte.errors import FileError
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
@@ -27,6 +27,13 @@ class Orientation:
     def size(self, frame: Any) -> tuple[int, int]:
         """Width and height of an upright `VideoFrame`."""
         return (frame.height, frame.width) if self.transposed else (frame.width, frame.height)
+
+    @property
+    def readout(self) -> Direction:
+        """Where the next stored row lies in the upright frame."""
+        if self.transposed:
+            return "left" if self.left_right else "right"
+        return "up" if self.upside_down else "down"
 
     def upright(self, codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """(H, W, …) pixels as they are shown; a view."""
@@ -86,22 +93,6 @@ def orientation_of(path: Path, frame: Any) -> Orientation:
         )
     (a, b), (c, d) = signs
     return Orientation(not a, min(a, c) < 0, min(b, d) < 0)
-
-
-def check_square_pixels(path: Path, size: tuple[int, int], aspect: Fraction | None) -> None:
-    """Raise FileError unless stored frames of this size are shown in it, within a pixel.
-
-    `aspect` is the width of a pixel over its height.
-    """
-    width, height = size
-    if not aspect or abs(aspect - 1) * max(size) < 1:
-        return
-    shown = round(width * aspect)
-    raise FileError(
-        f"{path}: export it with square pixels (ffmpeg -i … -vf scale={shown}:{height},setsar=1); its "
-        f"pixels are {aspect.numerator}:{aspect.denominator}, {width}x{height} are shown as "
-        f"{shown}x{height}"
-    )
 
 
 def check_progressive(path: Path, frame: Any, field_order: int) -> None:

@@ -21,12 +21,11 @@ from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, vide
 from blurmatte.files.clip_geometry import (
     Orientation,
     check_progressive,
-    check_square_pixels,
     orientation_of,
 )
 from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
-from blurmatte.files.errors import check_size
+from blurmatte.files.errors import check_size, check_square_pixels
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
 from blurmatte.layer import Layer
@@ -79,7 +78,9 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
     with opened(path) as (container, stream):
         size = stream.width, stream.height
         check_size(path, size, max_pixels)
-        check_square_pixels(path, size, stream.sample_aspect_ratio)
+        check_square_pixels(
+            path, size, stream.sample_aspect_ratio, "ffmpeg -i … -vf scale={}:{},setsar=1"
+        )
         videos = videos_of(container)
         if len(videos) > 1:
             warnings.warn(
@@ -169,7 +170,8 @@ def _light(
     light = to_srgb_primaries(table.take(codes), clip.encoding)
     when = f" ({time:.2f} s)" if time is not None else ""
     name = f"{clip.path.name} frame {number}{when}"
-    meta = Meta(name, clip.encoding.curves[0], 2**clip.bits, time=time, coding=coding)
+    curve, readout = clip.encoding.curves[0], clip.orientation.readout
+    meta = Meta(name, curve, 2**clip.bits, time=time, coding=coding, readout=readout)
     return LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
 
 

@@ -6,6 +6,7 @@ import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -123,6 +124,27 @@ def damaged(path: Path, kind: Format | str, complaints: list[str]) -> FileError:
     line = "".join(c if c.isprintable() else "?" for c in line.replace(f'"{path}"', "it"))
     reason = f" ({line})" if line else ""
     return FileError(f"{path}: copy or export it again; the {kind} is damaged or truncated{reason}")
+
+
+def check_square_pixels(
+    path: Path, size: tuple[int, int], aspect: Fraction | None, command: str = ""
+) -> None:
+    """Raise FileError unless stored pixels of this size are shown in it, within a pixel.
+
+    size: width and height as stored.
+    aspect: the width of a pixel over its height; None or not above 0: not stated.
+    command: that makes them square, with {} for the width and for the height; "" for none.
+    """
+    width, height = size
+    if not aspect or aspect < 0 or abs(aspect - 1) * max(size) < 1:
+        return
+    shown = max(round(width * aspect), 1)
+    how = f" ({command.format(shown, height)})" if command else f" as {shown}x{height}"
+    raise FileError(
+        f"{path}: export it with square pixels{how}, or correct the shape of pixels if the file "
+        f"states it wrongly; its pixels are {aspect.numerator}:{aspect.denominator}, {width}x{height} "
+        f"are shown as {shown}x{height}"
+    )
 
 
 def check_size(path: Path, size: tuple[int, int], max_pixels: int) -> None:

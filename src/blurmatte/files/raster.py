@@ -5,22 +5,26 @@ before memory is allocated. Failures to write are OSError, as for any file.
 """
 
 import io
+import math
 import mmap
 import re
+import struct
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, Bools
+from blurmatte.checks import MAX_PIXELS, Bools, Direction
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import (
     check_format,
     check_size,
+    check_square_pixels,
     damaged,
     format_of,
     plain_name,
@@ -55,6 +59,8 @@ _METHODS = {"34712": "JPEG 2000", "50002": "JPEG XL", "52546": "JPEG XL"}
 IS_SRGB = 1  # value of the EXIF tag ColorSpace
 DCF, PRIMARIES = "DCF", "primaries"  # our names of tags of EXIF that OpenImageIO does not give
 CICP = "CICP"  # and of the primaries, curve, matrix and range of AVIF and HEIC, by ITU-T H.273
+_JFIF_ASPECT = 0  # unit of JFIF's densities: they are the shape of a pixel [JFIF 1.02]
+_MAX_DENOMINATOR = 1000  # of the shape of pixels, which files state as rounded numbers
 _REDUCED_OR_MASK = 1 | 4  # bits of tiff:subfiletype: a smaller copy of another page, or its mask
 
 
@@ -198,6 +204,7 @@ def _stored(
             spec.full_width, spec.full_height = spec.width, spec.height
         for size in ((spec.width, spec.height), (spec.full_width, spec.full_height)):
             check_size(path, size, max_pixels)
+        check_square_pixels(path, (spec.width, spec.height), _pixel_aspect(path, form, spec))
         found = {name: spec.getattribute(name) for name in _TAGS}
         tags = {name: value for name, value in found.items() if value is not None}
         check_format(path, form, spec, tags)
@@ -212,6 +219,25 @@ def _stored(
         source.close()
         if source.has_error:  # an error that is not fetched is printed when `source` is deleted
             source.geterror()
+
+
+def _pixel_aspect(path: Path, form: Format, spec: Any) -> Fraction | None:
+    """Width of a pixel over its height; None if the file does not state it.
+
+    Of a JFIF, OpenImageIO gives the inverse where the densities have a unit.
+    """
+    if form is not JPEG:
+        stated = float(spec.getattribute("PixelAspectRatio") or 0)
+        if not (math.isfinite(stated) and stated > 0):
+            return None
+        return Fraction(stated).limit_denominator(_MAX_DENOMINATOR)
+    for segment in metadata_segments(path.read_bytes()):
+        if segment[:2] == b"\xff\xe0" and segment[4:9] == b"JFIF\0" and len(segment) >= 16:
+            unit, x, y = struct.unpack(">BHH", segment[11:16])
+            if not (x and y):
+                return None
+            return Fraction(x, y) if unit == _JFIF_ASPECT else Fraction(y, x)
+    return None
 
 
 def _main_page(path: Path, source: Any) -> int:
@@ -352,6 +378,12 @@ def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
     if orientation in (2, 4, 5, 7):
         turned = turned[:, ::-1]
     return np.ascontiguousarray(turned)
+
+
+def readout_of(orientation: int) -> Direction:
+    """Where the next stored row lies in a picture that is turned upright by an EXIF orientation."""
+    turned: dict[int, Direction] = {3: "up", 4: "up", 5: "right", 6: "left", 7: "left", 8: "right"}
+    return turned.get(orientation, "down")
 
 
 def as_stored(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:

@@ -15,6 +15,7 @@ import struct
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -26,7 +27,7 @@ from blurmatte.checks import MAX_PIXELS, Bools, Floats
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_size
 from blurmatte.files.exif import TiffTag
-from blurmatte.files.raster import upright
+from blurmatte.files.raster import readout_of, upright
 from blurmatte.radiometry.color_space import Matrix3
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
@@ -132,6 +133,7 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
     turn = _ORIENTATION[raw.sizes.flip & 7]
     noise = _noise(directories, shares)
     meta = _meta(path, raw, directories, round(white - black.max()) + 1)
+    meta = replace(meta, readout=readout_of(turn))
     return LinearImage(upright(light, turn), noise, upright(valid, turn), meta)
 
 

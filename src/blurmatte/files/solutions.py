@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS
+from blurmatte.checks import MAX_PIXELS, Direction
 from blurmatte.errors import FileError
 from blurmatte.files.calibration import NOISE
 from blurmatte.files.documents import bounded, numbers, parse_json
@@ -163,6 +163,7 @@ class _Stats:
     alpha_scale_std: _Known | None = None
     alpha_error: _Known | None = None
     exposure_time: Annotated[float, numbers(0, MAX_SECONDS)] | None = None
+    readout: Direction = "down"
     streak_box: _Box | None = None
     other_boxes: tuple[_Box, ...] = ()
     image_noise: NOISE | _MedianStd | None = None

@@ -202,6 +202,7 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         "match": {**case.pictures.match.facts, "agreement": agrees, "edge_agreement": at_edges},
         "may_be_shadow": only_lost,
         "exposure_time": image.meta.exposure_time,
+        "readout": image.meta.readout,
         **numbers,
     }
     stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], shadow_std))

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from blurmatte.checks import (
     MAX_LIGHT,
     Bools,
+    Direction,
     Floats,
     as_array,
     check_box,
@@ -63,6 +64,9 @@ class Meta:
         True if the file is compressed with subsampled chroma, also if the rest is not known.
     coding : FrameCoding or None
         Errors of a frame of a clip by the quantizers of its codec; None if it is none.
+    readout : "down", "up", "left" or "right"
+        Where the next row of the sensor lies in the picture, which is shown upright: a file turned by
+        180° has "up". A rolling shutter exposes rows in this order.
     """
 
     source: str = ""
@@ -80,6 +84,7 @@ class Meta:
     compression: Compression | None = field(default=None, repr=False)
     subsampled: bool = False
     coding: FrameCoding | None = field(default=None, repr=False, compare=False)
+    readout: Direction = "down"
 
     @property
     def sharing(self) -> Compression | None:

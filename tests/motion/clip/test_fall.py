@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
+from blurmatte.checks import DIRECTIONS
 from blurmatte.motion.clip.positions_3d import BallPlace
 from blurmatte.motion.picture.error_budget import Source
 from blurmatte.motion.space.ball_motion import ball_motion
@@ -18,11 +19,11 @@ LENS = bm.Intrinsics(900, 905, 640, 360)
 RADIUS, DISTANCE = 0.03, 3.0
 
 
-def sighting(place, std=0.1):
+def sighting(place, std=0.1, readout="down"):
     x, y = map(float, place)
     return bm.Sighting(
         x, y, std, std, 0.0, 9.0, 0.0, std, std, 9.0, std, 0.0, 0.01, 5.0, std,
-        x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
+        x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "", readout,
     )  # fmt: skip
 
 
@@ -49,7 +50,8 @@ def test_gravity_gives_the_scale():
     assert falls[0].numbers()["meters_per_pixel"] == falls[0].scale.meters_per_pixel
 
 
-def test_rolling_shutter_delays_lower_rows():
+@pytest.mark.parametrize("readout", DIRECTIONS)
+def test_rolling_shutter_delays_later_rows(readout):
     """Exact: each position at the time of its row; without line_time the acceleration is wrong."""
     tau, rows = 2e-5, []
     velocity, acceleration = np.array([240.0, -300.0]), np.array([0, G / SCALE])
@@ -57,8 +59,9 @@ def test_rolling_shutter_delays_lower_rows():
         t = k / RATE
         for _ in range(50):  # until the row is exposed when the ball is there
             place = 50 + velocity * t + acceleration * t**2 / 2
-            t = k / RATE + tau * place[1]
-        rows.append(bm.FrameMotion(k, k / RATE, sighting(place), 1, True))
+            t = k / RATE + tau * place @ DIRECTIONS[readout]
+        seen = sighting(place, readout=readout)
+        rows.append(bm.FrameMotion(k, k / RATE, seen, 1, True))
     fall = bm.fit_fall(rows, line_time=tau)
     assert_allclose(fall.acceleration, acceleration, atol=1e-6)
     assert not np.allclose(bm.fit_fall(rows).acceleration, acceleration, rtol=1e-3)

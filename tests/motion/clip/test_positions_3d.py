@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
+from blurmatte.checks import DIRECTIONS
 from blurmatte.motion.picture.error_budget import Source
 from blurmatte.motion.space.ball_motion import ball_motion
 from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
@@ -117,16 +118,17 @@ def test_doubtful_positions_do_not_change_velocities():
     assert more[8].velocity is None
 
 
-def test_rolling_shutter_delays_lower_rows():
+@pytest.mark.parametrize("readout", ["down", "up"])
+def test_rolling_shutter_delays_later_rows(readout):
     """Exact: each position at the time of its row."""
     tau, rows, balls = 2e-5, [], []
     for k in range(5):
         t = k / 30
         for _ in range(9):
             y = float(FLAT.project(at(t)[None])[0, 1])
-            t = k / 30 + tau * y
+            t = k / 30 + tau * y * DIRECTIONS[readout][1]
         balls.append(fitted(at(t), FLAT, FLAT, (RADIUS, 0.0)))
-        rows.append(row(k, k / 30, sighting(640, y, 9)))
+        rows.append(row(k, k / 30, replace(sighting(640, y, 9), readout=readout)))
     seen = bm.places_in_space(rows, FLAT, RADIUS, balls=balls, line_time=tau)
     assert_allclose(
         [b.velocity for b in seen], [VELOCITY + b.time * GRAVITY for b in seen], atol=1e-6

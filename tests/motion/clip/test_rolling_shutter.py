@@ -41,6 +41,23 @@ def test_image_of_a_disc_is_a_stretched_disc(displacement):
     assert error(tuple(RollingShutter(readout).stretch(v)[0])) < min(0.01, error((0.0, 0.0)) / 3)
 
 
+@pytest.mark.parametrize("rows", ["up", "left", "right"])
+def test_image_of_a_turned_picture_is_a_stretched_disc(rows):
+    """Oracle: the picture, path and all, turned by quarters from one that is read downwards."""
+    quarters = {"right": 1, "up": 2, "left": 3}[rows]  # np.rot90 turns down to the right
+    radius, readout, v = 9.0, 0.01, np.array([20.0, 6.0])
+    truth = np.rot90(exposed_in_turn(radius, v, readout), quarters)
+    size = 1 / (1 - readout * v[1])
+    for _ in range(quarters):
+        v = np.array([v[1], -v[0]])
+    ends = np.concatenate([MIDDLE - v * size / 2, MIDDLE + v * size / 2])
+    stretch, _ = RollingShutter(readout, rows=rows).stretch(v)
+    disc = Silhouette(camera_stretch=tuple(stretch))
+    shape = disc.start(radius * np.sqrt(size))
+    alpha = disc.sweep(LINE, ends, shape, Pixels((SIZE, SIZE), (0.0, 0.0))).alpha
+    assert np.sqrt(np.mean((alpha - truth)[truth > 0] ** 2)) < 0.01
+
+
 def frames(readout, rng, count=16, std=0.02, scatter=0.0):
     """Stretches with covariances, one of them a mistake, and displacements."""
     moved = 60 * rng.normal(size=(count, 2))

@@ -277,6 +277,62 @@ def test_at_border_is_true_for_cut_streaks(at):
         assert motion.at_border == (at[0] < 20)
 
 
+@pytest.mark.parametrize(
+    ("length", "std", "moved"),
+    [
+        (239.0, 39.0, True),  # 6 standard deviations of a long path
+        (239.0, 70.0, False),
+        (2.0, 0.4, False),  # of a short one 5, which are 2.5 of its square
+        (2.0, 0.25, True),
+    ],
+)
+def test_significant_length_has_moved(length, std, moved):
+    """Exact: 3.5 standard deviations of the streak's extent."""
+    sweep = sweep_of(LINE, [100, 60, 100 + length, 60], shape=(27.7,), size=(500, 120))
+    covariance = np.zeros((5, 5))
+    covariance[2, 2] = std**2
+    assert of_sweep(replace(sweep, covariance=covariance)).moved == moved
+
+
+def test_noise_alone_seldom_moves():
+    """Honest: lengths that a disc at rest seems to have by moments, with noise; 1 of 500."""
+    rng, r = np.random.default_rng(0), 7.0
+    noise = rng.normal(0, 30.0, (20000, 2))  # of xx − yy and 2 xy, whose root is the length squared
+    squares = np.hypot(*noise.T)
+    errors = 30.0 / (2 * np.sqrt(squares))
+    base = motion_of_sweep(sweep_of(*PATHS[0], shape=(r,)), None)
+    count = 0
+    for square, error in zip(squares, errors, strict=True):
+        values, covariance = base.values.copy(), base.covariance.copy()
+        at = QUANTITIES.index("length")
+        values[at], covariance[at, at] = np.sqrt(square), error**2
+        count += replace(base, values=values, covariance=covariance, source="moments").moved
+    assert count / len(squares) == pytest.approx(1 / 458, rel=0.35)
+
+
+def test_border_is_reached_by_the_outline_not_by_a_circle_around_it():
+    """Exact: a stick that moves along itself, and the same across the border; also if it turns."""
+    long = np.log(84 / 14) / 2
+    radius = np.sqrt(42 * 7)
+    for y, reached in ((14.0, False), (6.0, True)):
+        stick = sweep_of(LINE, [45, y, 51, y], ELLIPSE, [radius, long, 0])
+        assert of_sweep(stick).at_border == reached
+    turning = Silhouette(2, turns=True)
+    for turn, reached in ((0.1, False), (1.5, True)):  # its ends rise by 2 and by 29 pixels
+        stick = sweep_of(LINE, [45, 25, 51, 25], turning, [radius, long, 0, turn])
+        assert of_sweep(stick).at_border == reached
+
+
+def test_readout_of_the_image_is_kept():
+    """Exact: from its statistics; also of moments."""
+    sweep = sweep_of(*PATHS[0])
+    for solution in (solution_of(sweep.alpha, sweep=sweep), solution_of(sweep.alpha)):
+        assert measure_motion(solution).readout == "down"
+        turned = replace(solution, stats={**solution.stats, "readout": "left"})
+        assert measure_motion(turned).readout == "left"
+        assert measure_motion(turned).reversed.readout == "left"
+
+
 def test_separate_parts_and_large_residuals_give_doubts():
     """Exact: two separate discs, and a sweep with a large residual."""
     alpha = drawn(0.3, 8, 5, at=(20, 30)) + drawn(0.3, 8, 5, at=(70, 30))

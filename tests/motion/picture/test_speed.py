@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
+from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import MotionError
 from blurmatte.motion import Motion, Scale
 from blurmatte.motion.picture.motion import QUANTITIES
@@ -125,13 +126,43 @@ def test_rolling_shutter_is_corrected_on_lines(velocity):
     T, tau, v = 0.02, 3e-5, np.array(velocity)
     motion = motion_of(seen_through(lambda t: np.array([100, 200]) + v * t, T, tau))
     down = velocity[1] > 0
-    speed = motion.speed(None, T, line_time=tau, downward=down)
+    speed = motion.speed(None, T, line_time=tau, going="down" if down else "up")
     assert speed.mean == pytest.approx(np.hypot(*v), rel=1e-6)
     assert speed.top == pytest.approx(np.hypot(*v), rel=1e-4)
     assert abs(motion.speed(None, T).mean / np.hypot(*v) - 1) > 0.02  # else the test has no power
     both = motion.speed(None, T, line_time=tau)
     assert abs(both.mean - np.hypot(*v)) < 1.2 * both.mean_std
     assert both.dominant == "direction of time"
+
+
+@pytest.mark.parametrize("readout", ["up", "left", "right"])
+def test_rows_of_turned_files_are_those_of_the_sensor(readout):
+    """Invariant: a turned picture has the same speed as one whose rows go down."""
+    T, tau, v = 0.02, 3e-5, np.array([3000.0, 2000.0])
+    seen = seen_through(lambda t: np.array([100, 200]) + v * t, T, tau)
+    e = np.array(DIRECTIONS[readout])
+    turn = np.column_stack([(e[1], -e[0]), e])  # takes down to e
+    turned = motion_of(Trajectory(seen.xy @ turn.T, seen.t), readout=readout)
+    going = next(name for name, to in DIRECTIONS.items() if tuple(turn @ (1, 0)) == to)
+    speed = turned.speed(None, T, line_time=tau, going=going)
+    assert speed.mean == pytest.approx(np.hypot(*v), rel=1e-6)
+    assert abs(replace(turned, readout="down").speed(None, T, line_time=tau, going=going).mean
+               / np.hypot(*v) - 1) > 0.02  # fmt: skip
+    rows = 640 if e[0] else 480
+    crossed = abs((seen.xy[-1] - seen.xy[0])[1])
+    assert turned.speed(None, T).unknown == pytest.approx(crossed / rows)
+    assert turned.speed(None, T).readout == readout
+
+
+def test_direction_across_the_path_does_not_determine_its_time():
+    """Exact: both directions count."""
+    level = motion_of(Trajectory.line((100, 200), (300, 200)), readout="right")
+    known, unknown, across = (
+        level.speed(None, 0.02, line_time=1e-5, going=g) for g in ("right", None, "down")
+    )
+    assert across.mean_std == unknown.mean_std > 2 * known.mean_std
+    with pytest.raises(ValueError, match="going must be one of right, down, left, up, got 'away'"):
+        level.speed(None, 0.02, line_time=1e-5, going="away")
 
 
 def test_rolling_shutter_is_corrected_on_parabola():
@@ -142,7 +173,7 @@ def test_rolling_shutter_is_corrected_on_parabola():
         return np.array([50 + 6000 * t, 300 - 4000 * t + 1e5 * t * t])
 
     motion = motion_of(seen_through(place, T, tau, 2001))
-    speed = motion.speed(None, T, line_time=tau, downward=False)
+    speed = motion.speed(None, T, line_time=tau, going="up")
     rows = motion.trajectory.xy[:, 1]
     first, last = tau * rows[0], T + tau * rows[-1]
     times = np.linspace(first, last, 5001)
@@ -166,7 +197,7 @@ def test_rolling_shutter_stretches_the_area(v_y):
     path = Trajectory.line((0, 200), (0, 200) + v * T * stretched)
     motion = motion_of(path, radius * np.sqrt(stretched))
     scale = Scale.from_radius(motion, 0.001 * radius)
-    speed = motion.speed(scale, T, line_time=tau, downward=v_y > 0)
+    speed = motion.speed(scale, T, line_time=tau, going="down" if v_y > 0 else "up")
     assert speed.mean == pytest.approx(0.001 * np.hypot(*v), rel=1e-6)
 
 
@@ -187,7 +218,7 @@ def test_unknown_effect_of_usual_rolling_shutter():
         (lambda: Scale.from_points((1, 2, 3), (1, 2), 1), r"a point must be \(x, y\)"),
         (lambda: LINE.speed(None, 0), "exposure_time must be finite and above 0"),
         (lambda: LINE.speed(line_time=1e-5), "line_time needs exposure_time"),
-        (lambda: LINE.speed(None, 1e-4, line_time=1e-4, downward=False), "check line_time"),
+        (lambda: LINE.speed(None, 1e-4, line_time=1e-4, going="up"), "check line_time"),
         (lambda: LINE.speed(None, 1, line_time=15e-3), "no camera takes more than 1 s to read"),
         (lambda: LINE.speed(Scale(1), 1).in_unit("knots"), "unit must be m/s or km/h or mph"),
     ],

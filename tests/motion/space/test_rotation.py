@@ -134,6 +134,42 @@ def test_rotation_of_sweep():
     assert "does not determine the sense of rotation" in words
 
 
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("changes", [False, True])
+@pytest.mark.parametrize("order", [2, 3])
+def test_error_of_a_sweep_is_that_of_its_turn(order, changes, soft):
+    """Exact: whatever parameters follow the turn."""
+    silhouette = Silhouette(order, turns=True, changes=changes, soft=soft)
+    shape = silhouette.start(8.0)
+    at = int(np.flatnonzero(silhouette.turn_slope()).item())
+    shape[at] = -0.6
+    assert silhouette.turn(shape) == -0.6
+    variances = np.arange(1.0, 5 + len(shape)) ** 2 * 1e-4
+    model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
+    path = np.array([10.0, 20, 50, 30])
+    sweep = bm.Sweep(LINE, path, silhouette, shape, model, np.diag(variances), (80, 60))
+    found = bm.measure_rotation(sweep)
+    assert_allclose([found.angle, found.angle_std], [0.6, np.sqrt(variances[4 + at])])
+
+
+@pytest.mark.parametrize("soft", [False, True])
+@pytest.mark.parametrize("changes", [False, True])
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_sweep_that_does_not_turn_has_no_rotation(order, changes, soft):
+    """Door: whatever its last parameter is."""
+    silhouette = Silhouette(order, changes=changes, soft=soft)
+    shape = silhouette.start(8.0)
+    shape[-1] = 0.7
+    model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
+    covariance = 1e-4 * np.eye(4 + len(shape))
+    sweep = bm.Sweep(
+        LINE, np.array([10.0, 20, 50, 30]), silhouette, shape, model, covariance, (80, 60)
+    )
+    assert not silhouette.turn_slope().any()
+    with pytest.raises(bm.MotionError, match="without rotation"):
+        bm.measure_rotation(sweep)
+
+
 def test_undetermined_rotation_is_rejected():
     """door: a disc, full turns, nothing, a line of motion."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]

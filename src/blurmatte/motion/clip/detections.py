@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import DIRECTIONS, Direction, check_kind
 
 Array = npt.NDArray[np.float64]
 
@@ -44,6 +44,8 @@ class Sighting:
         As in `Motion`.
     doubts : str
         Reasons why the numbers may be wrong.
+    readout : "down", "up", "left" or "right"
+        As in `Motion`.
     """
 
     x: float
@@ -74,6 +76,15 @@ class Sighting:
     at_border: bool
     moved: bool
     doubts: str
+    readout: Direction = "down"
+
+    @property
+    def rows(self) -> tuple[float, float, float]:
+        """Rows of the sensor, from that of the pixel (0, 0): of its center, and of both ends."""
+        x, y = DIRECTIONS[self.readout]
+        places = (self.x, self.y), (self.first_x, self.first_y), (self.last_x, self.last_y)
+        center, first, last = (x * at[0] + y * at[1] for at in places)
+        return center, first, last
 
     @property
     def place(self) -> Array:

@@ -52,8 +52,8 @@ def fit_fall(
     gravity_std : float
         Standard deviation of its magnitude.
     line_time : float
-        Delay of a rolling shutter from each row of pixels to the next, seconds; a frame is read before
-        the next one.
+        Delay of a rolling shutter from each row of the sensor to the next, seconds; a frame is read
+        before the next one. The next row lies in the direction `readout` of each detection.
 
     Returns
     -------
@@ -75,7 +75,8 @@ def fit_fall(
     _check_count(len(track), "frames of one track")
     seen = [row.sighting for row in track if row.sighting is not None]
     places = np.array([s.place for s in seen])
-    times = _times([row.time for row in track]) + line_time * places[:, 1]
+    rows_of_sensor = np.array([s.rows[0] for s in seen])
+    times = _times([row.time for row in track]) + line_time * rows_of_sensor
     least = FallSettings.min_position_std_px**2 * np.eye(2)
     known = np.array([s.covariance + least for s in seen])
     fall = replace(_parabola(times, places, known), scale=scale)

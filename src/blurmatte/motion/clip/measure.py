@@ -314,7 +314,8 @@ def _measured(
         streak = replace(streak, mask=streak.mask & ~shadow)
     sweep = fit_disc(image, plate, streak, model)
     if not sweep.rejection:
-        return _sighting(motion_of_sweep(sweep, image.meta.exposure_time), streak, model, sweep)
+        motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
+        return _sighting(motion, streak, model, sweep)
     if model.rank == 3:
         raise MotionError(
             "no disc on a path explains the streak, and without a color nothing else can be measured"
@@ -362,7 +363,7 @@ def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -
     vx_std, vy_std = np.sqrt(np.maximum(np.diag(V), 0)).tolist()
     (first_x, first_y), (last_x, last_y) = motion.trajectory.xy[[0, -1]].tolist()
     same = "length", "length_std", "angle", "angle_std", "radius", "radius_std"
-    also = "source", "path", "silhouette", "at_border", "moved"
+    also = "source", "path", "silhouette", "at_border", "moved", "readout"
     return Sighting(
         x=x,
         y=y,

@@ -46,7 +46,8 @@ class BallPlace:
     frame : int
         Its number.
     time : float or None
-        Seconds; for a rolling shutter, of the row of pixels of its center.
+        Seconds; for a rolling shutter, when the row of its center was exposed, if that of the pixel
+        (0, 0) was exposed at the time of the frame.
     track : int
         Number of its track, as in `FrameMotion`.
     place : (3,) float
@@ -179,8 +180,8 @@ def places_in_space(
     balls : sequence of BallMotion or None, optional
         From `fit_balls`, one for each row; they replace the doubts of moments.
     line_time : float
-        Delay of a rolling shutter from each row of pixels to the next, seconds; a frame is read before
-        the next one.
+        Delay of a rolling shutter from each row of the sensor to the next, seconds; a frame is read
+        before the next one. The next row lies in the direction `readout` of each detection.
 
     Returns
     -------
@@ -208,7 +209,7 @@ def places_in_space(
             S = shared[k] = _shared(place.place, intrinsics, radius, radius_std)
             time, seen = row.time, row.sighting
             if time is not None and seen is not None:
-                time += line_time * seen.y
+                time += line_time * seen.rows[0]
             places[k] = replace(_with_shared_errors(place, S), time=time)
     for track in _tracks(rows, places):
         _set_velocities(places, track, shared)
@@ -216,11 +217,12 @@ def places_in_space(
 
 
 def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> None:
-    """Raise ValueError unless a rolling shutter can read down to the lowest detection in time."""
-    lowest = max((row.sighting.y for row in rows if row.sighting is not None), default=0.0)
+    """Raise ValueError unless a rolling shutter can read the rows of all detections in time."""
+    seen = [row.sighting.rows[0] for row in rows if row.sighting is not None]
+    most = max(map(abs, seen), default=0.0)
     times = sorted({row.time for row in rows if row.time is not None})
     interval = float(np.median(np.diff(times))) if len(times) > 1 else None
-    check_line_time(line_time, lowest, interval)
+    check_line_time(line_time, most, interval)
 
 
 def _place(

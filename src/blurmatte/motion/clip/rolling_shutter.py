@@ -1,11 +1,13 @@
 """The time that a camera takes to read its rows, from how it stretches a disc in the frames of a clip.
 
 A camera with a rolling shutter exposes each row later than the one above it, by the readout time ρ, in
-exposures. In this file u = ρ v, with v the displacement (x, y) of an object in an exposure, pixels. A
-point y below the center is seen y ρ exposures later, moved by y u: the image of a disc that moves at
-constant velocity is its image under (I − u e_yᵀ)⁻¹, to first order an ellipse of the stretch
+exposures. In this file u = ρ v, with v the displacement (x, y) of an object in an exposure, pixels,
+and e is the unit vector of the picture from each row to the next: (0, 1) unless the file was turned
+upright. A point d from the center is seen ρ eᵀd exposures later, moved by u eᵀd: the image of a disc
+that moves at constant velocity is its image under (I − u eᵀ)⁻¹, to first order an ellipse of the
+stretch
 
-    (a, b) = (−u_y, u_x) / 2,
+    (a, b) = (u_x e_x − u_y e_y, u_x e_y + u_y e_x) / 2,
 
 as `Silhouette` has it, and of a factor of the size that goes into the radius. Shadows next to the disc,
 compression, and the lens change it too: frames differ from this by an error of their own, the likeliest
@@ -21,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import DIRECTIONS, Direction
 from blurmatte.motion.clip.smoothing import least_decades, student_cost, student_weights
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 
@@ -45,23 +48,28 @@ class RollingShutter:
         Standard deviation of stretches about that, in each direction, beyond the errors of frames.
     log_odds : float
         Against a camera that exposes all rows at once.
+    rows : "down", "up", "left" or "right"
+        Where the next row lies in the picture.
     """
 
     readout: float = 0.0
     scatter: float = 0.0
     log_odds: float = 0.0
+    rows: Direction = "down"
 
     @classmethod
-    def of(cls, frames: Sequence[tuple[Stretch, Array]]) -> RollingShutter:
+    def of(
+        cls, frames: Sequence[tuple[Stretch, Array]], rows: Direction = "down"
+    ) -> RollingShutter:
         """From the stretch of the disc and its displacement (2,), pixels, in several exposures."""
         if not frames:
-            return cls()
+            return cls(rows=rows)
         y = np.array([stretch for (stretch, _), _ in frames])
         V = np.array([covariance for (_, covariance), _ in frames])
-        X = np.array([_slope(displacement) for _, displacement in frames])
+        X = np.array([_slope(displacement, rows) for _, displacement in frames])
         penalty = 0.5 * float(np.log(y.size))
         without, (cost, found) = _likeliest(y, V, np.zeros_like(X))[0], _likeliest(y, V, X)
-        return replace(found, log_odds=without - cost - penalty)
+        return replace(found, log_odds=without - cost - penalty, rows=rows)
 
     @property
     def is_decisive(self) -> bool:
@@ -76,7 +84,7 @@ class RollingShutter:
 
         own: as its frame alone measures it.
         """
-        stretch, cost = self.readout * _slope(displacement), 0.0
+        stretch, cost = self.readout * _slope(displacement, self.rows), 0.0
         if own is not None and self.scatter > 0:
             e, among = own[0] - stretch, self.scatter**2 * np.eye(2)
             chi2 = e @ np.linalg.solve(own[1] + among, e)
@@ -89,9 +97,10 @@ class RollingShutter:
         return stretch * limit, cost
 
 
-def _slope(displacement: Array) -> Array:
+def _slope(displacement: Array, rows: Direction) -> Array:
     """(2,) stretch by the readout time."""
-    return np.array([0.0 - displacement[1], displacement[0]]) / 2
+    (u, v), (x, y) = displacement, DIRECTIONS[rows]
+    return np.array([u * x - v * y, u * y + v * x]) / 2
 
 
 def _likeliest(y: Array, V: Array, X: Array) -> tuple[float, RollingShutter]:

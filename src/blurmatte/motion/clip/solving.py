@@ -405,10 +405,12 @@ def _stretched(
 
     known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
     step, pairs, shutter = -(-len(known) // STRETCH_FRAMES) or 1, [], RollingShutter()
+    seen = [one.row.sighting for one in known if one.row.sighting is not None]
+    readout = seen[0].readout if seen else "down"  # of all frames of a clip
     for first in dict.fromkeys(int(step * part) for part in _PARTS):
         some = known[first::step]
         pairs += [(x, w.displacement) for x, w in zip(measured(some), some, strict=True) if x]
-        shutter = RollingShutter.of(pairs)
+        shutter = RollingShutter.of(pairs, readout)
         if shutter.is_decisive or shutter.log_odds < 0:
             break
     if not shutter.is_decisive:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Direction
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
@@ -73,11 +73,14 @@ def measure_motion(solution: Solution) -> Motion:
         )
     if solution.sweep is None:
         return motion_of_alpha(solution)
-    motion = motion_of_sweep(solution.sweep, solution.stats.get("exposure_time"))
+    known = solution.stats.get("exposure_time"), solution.stats.get("readout", "down")
+    motion = motion_of_sweep(solution.sweep, *known)
     return motion.reversed if abs(motion.angle) > np.pi / 2 else motion
 
 
-def motion_of_sweep(sweep: Sweep, exposure_time: float | None) -> Motion:
+def motion_of_sweep(
+    sweep: Sweep, exposure_time: float | None, readout: Direction = "down"
+) -> Motion:
     """Motion of a fitted sweep; the covariance of its parameters gives the errors."""
     n = len(sweep.path)
 
@@ -105,10 +108,11 @@ def motion_of_sweep(sweep: Sweep, exposure_time: float | None) -> Motion:
         acceleration_covariance=covariance[_N : _N + 2, _N : _N + 2] if bends else None,
         resting=float(np.clip(sweep.path[_DEPARTURE], 0, 1)) if resting else 0.0,
         resting_std=float(np.sqrt(sweep.covariance[_DEPARTURE, _DEPARTURE])) if resting else 0.0,
-        at_border=_leaves_picture(sweep, xy),
+        at_border=_leaves_picture(sweep, t),
         doubts=(_OTHER.format(sweep.rejection),) if sweep.rejection else (),
         exposure_time=exposure_time,
         sweep=sweep,
+        readout=readout,
     )
 
 
@@ -155,11 +159,11 @@ def _velocity(sweep: Sweep, path: Array, shape: Array, t: int) -> Array:
     return np.asarray(inward * (4 * b - 3 * a - c) / (2 * _END))
 
 
-def _leaves_picture(sweep: Sweep, xy: Array) -> bool:
-    """True if a part of the object lies beyond the picture; pixel 0 covers −0.5 to 0.5."""
-    reach = sweep.silhouette.reach(sweep.shape)
-    beyond = (xy - reach < -0.5) | (xy + reach > np.array(sweep.size) - 0.5)
-    return bool(beyond.any())
+def _leaves_picture(sweep: Sweep, t: Array) -> bool:
+    """True if a part of the outline is beyond the picture at a moment; pixel 0 covers −0.5 to 0.5."""
+    maps, centers = sweep.silhouette.map_at(sweep.shape, t), sweep.family.at(sweep.path, t)[0]
+    outlines = sweep.outline @ maps.transpose(0, 2, 1) + centers[:, None]
+    return bool(np.any((outlines < -0.5) | (outlines > np.array(sweep.size) - 0.5)))
 
 
 def motion_of_alpha(solution: Solution) -> Motion:
@@ -184,6 +188,7 @@ def motion_of_alpha(solution: Solution) -> Motion:
         size=solution.size,
         at_border=_touches_border(solution, use),
         exposure_time=solution.stats.get("exposure_time"),
+        readout=solution.stats.get("readout", "down"),
     )
     return replace(motion, doubts=tuple(_doubts_of_moments(solution, use, motion)))
 

@@ -1,8 +1,9 @@
 """Motion of one picture, with the error of each number, and its speed in meters per second.
 
-A rolling shutter exposes row y later than row 0 by y τ, τ the line time. The exposure fraction s of
-the row in which the object's center is seen at p(s) is the moment s T + τ y(s), T the exposure time.
-The object's own exposure therefore lasts
+A rolling shutter exposes row y later than row 0 by y τ, τ the line time. Rows are those of the sensor:
+y is the coordinate along the direction in which they are read out, which need not be down in a picture
+that is shown upright. The exposure fraction s of the row in which the object's center is seen at p(s)
+is the moment s T + τ y(s), T the exposure time. The object's own exposure therefore lasts
 
     D = T + τ (y(1) − y(0)),
 
@@ -22,7 +23,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, check_kind, check_positive
+from blurmatte.checks import (
+    DIRECTIONS,
+    Array,
+    Direction,
+    check_direction,
+    check_kind,
+    check_positive,
+)
 from blurmatte.errors import MotionError
 from blurmatte.motion.picture.error_budget import check_std
 from blurmatte.sweep.sweep import Sweep
@@ -30,6 +38,9 @@ from blurmatte.trajectory import Trajectory
 
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
 MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact
+MIN_EXCESS_STD = 3.5  # standard deviations by which a motion exceeds rest
+# Standard deviations by which a path differs from its perpendicular if `going` gives it a direction
+MIN_DIRECTED_STD = 3.0
 USUAL_READOUT_S = 0.02  # of a rolling shutter, from the first row to the last
 _ANGLE = QUANTITIES.index("angle")
 _PER_METER_PER_SECOND = {"m/s": 1.0, "km/h": 3.6, "mph": 3600 / 1609.344}
@@ -129,6 +140,9 @@ class Speed:
     unknown : float or None
         Relative change that a usual rolling shutter would cause, if no line time was given; 0 if one
         was given, None if the exposure time is not known.
+    readout : "down", "up", "left" or "right"
+        Where the next row of the sensor lies in the picture. A motion in this direction seems faster
+        than it is.
     """
 
     mean: float
@@ -138,6 +152,7 @@ class Speed:
     unit: str
     parts: Mapping[str, float]
     unknown: float | None = 0.0
+    readout: Direction = "down"
 
     def __repr__(self) -> str:
         return f"Speed({self.mean:.4g} ± {self.mean_std:.2g} {self.unit})"
@@ -183,7 +198,7 @@ class Speed:
         mean, mean_std, top, top_std = (
             f * v for v in (self.mean, self.mean_std, self.top, self.top_std)
         )
-        return Speed(mean, mean_std, top, top_std, unit, self.parts, self.unknown)
+        return replace(self, mean=mean, mean_std=mean_std, top=top, top_std=top_std, unit=unit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,6 +239,8 @@ class Motion:
         The fit that it was measured from, if there is one.
     backward : bool
         True if its direction of time is opposite to that of the sweep.
+    readout : "down", "up", "left" or "right"
+        Where the next row of the sensor lies in the picture, from the metadata of the image.
     """
 
     trajectory: Trajectory
@@ -244,6 +261,7 @@ class Motion:
     exposure_time: float | None = None
     sweep: Sweep | None = field(default=None, repr=False)
     backward: bool = False
+    readout: Direction = "down"
 
     def __repr__(self) -> str:
         x, y = self.center
@@ -328,11 +346,17 @@ class Motion:
     def moved(self) -> bool:
         """True if the length is significant; else the object may have been at rest.
 
-        Alpha depends on the square of a short length. The square must be 3.5 times its error, and its
-        relative error is twice that of the length. Noise alone exceeds this in 1 of 500 pictures:
-        exp(−3.5² / 2) in two dimensions.
+        A motion of the length L is seen by the extent of the streak along its path, E = √(L² + w²),
+        with the extent w at rest: √3 radii of a disc, by the variance along the path. E − w must be 3.5
+        times its error L/E std, with the std of L: L must be 3.5 (1 + w/E) std. That is 3.5 std of a
+        long path, and 7 std of a short one, whose square it is that alpha depends on. Noise alone
+        exceeds this in 1 of 500 pictures: exp(−3.5² / 2) in two dimensions. Moments measure the square
+        of any length: for these it is 7 std.
         """
-        return self.length > 2 * 3.5 * self.length_std
+        at_rest = np.sqrt(3) * self.radius
+        extent = max(np.hypot(self.length, at_rest), 1e-12)
+        factor = 2.0 if self.source == "moments" else 1 + at_rest / extent
+        return bool(self.length > MIN_EXCESS_STD * factor * self.length_std)
 
     @property
     def reversed(self) -> Motion:
@@ -382,7 +406,7 @@ class Motion:
         exposure_time: float | None = None,
         exposure_std: float = 0.0,
         line_time: float | None = None,
-        downward: bool | None = None,
+        going: Direction | None = None,
     ) -> Speed:
         """Mean and highest speed, in meters per second if scale and exposure time are known.
 
@@ -394,11 +418,12 @@ class Motion:
             Seconds; that of the image if not given. Without any, the speed is in pixels (or meters)
             per exposure.
         line_time : float, optional
-            Delay of a rolling shutter from each row of pixels to the next, seconds; at most 1 s for
-            all rows.
-        downward : bool, optional
-            True if it moved down in the picture, False if up: a rolling shutter changes the two
-            differently. If unknown, the mean of both is given, and half their difference is an error.
+            Delay of a rolling shutter from each row of the sensor to the next, seconds; at most 1 s
+            for all rows. The next row lies in the direction `readout`.
+        going : "down", "up", "left" or "right", optional
+            Roughly where it moved in the picture: a rolling shutter changes opposite motions
+            differently. If unknown, or if the path does not differ from its perpendicular, the mean
+            of both is given, and half their difference is an error.
 
         Raises
         ------
@@ -410,11 +435,11 @@ class Motion:
         check_std("exposure_std", exposure_std)
         if time is not None:
             check_positive("exposure_time", time)
-        lags = _possible_lags(self, time, line_time, downward)
+        lags = _possible_lags(self, time, line_time, going)
         both = np.array([_mean_and_top(self, scale, time, lag) for lag in lags])
         mean, top = both.mean(axis=0)
         parts = _relative_parts(self, scale, time, exposure_std)
-        if lags[0] > 0 and len(lags) == 2:
+        if lags[0] != 0 and len(lags) == 2:
             parts["direction of time"] = float(np.ptp(both[:, 0]) / 2 / max(mean, 1e-12))
         total = sum(part**2 for part in parts.values())
         of_mean = total + _correlation(self, scale, "length")
@@ -429,6 +454,7 @@ class Motion:
             ("px" if scale is None else "m") + ("/exposure" if time is None else "/s"),
             parts,
             _shutter_effect(self, time) if line_time is None else 0.0,
+            self.readout,
         )
 
     def numbers(self) -> dict[str, float | str | bool | None]:
@@ -478,28 +504,62 @@ def check_line_time(line_time: float, rows: float, frame_interval: float | None 
 
 
 def _possible_lags(
-    motion: Motion, exposure_time: float | None, line_time: float | None, downward: bool | None
+    motion: Motion,
+    exposure_time: float | None,
+    line_time: float | None,
+    going: Direction | None,
 ) -> list[float]:
     """τ (y(1) − y(0)) / T, the relative change of the object's own exposure; of both directions."""
+    if going is not None:
+        check_direction("going", going)
     lag = 0.0
     if line_time is not None:
         check_std("line_time", line_time)
-        check_line_time(line_time, motion.size[1])
+        check_line_time(line_time, _row_count(motion))
         if exposure_time is None:
             raise ValueError("line_time needs exposure_time, for its effect is their ratio")
         lag = line_time * _rows_crossed(motion) / exposure_time
-    signs = (1, -1) if downward is None else (1,) if downward else (-1,)
+    signs = (1, -1) if going is None else _signs(motion, going)
     possible = [sign * lag for sign in signs if 1 + sign * lag > 0]
     if not possible:
         raise ValueError(
-            "no upward motion of this length is possible within the exposure; check line_time"
+            "no motion of this length towards rows that are read before is possible within the "
+            "exposure; check line_time"
         )
     return possible
 
 
+def _signs(motion: Motion, going: Direction) -> tuple[int, ...]:
+    """1 if it crossed later and later rows, −1 for the opposite; both if `going` does not say."""
+    along, across = DIRECTIONS[going] @ _rotation(motion.angle)
+    moved = motion.length * along
+    std = np.hypot(along * motion.length_std, motion.length * across * motion.angle_std)
+    if abs(moved) <= MIN_DIRECTED_STD * std:
+        return 1, -1
+    chord = motion.trajectory.xy[-1] - motion.trajectory.xy[0]
+    forward = np.sign(moved) * (chord @ DIRECTIONS[motion.readout])
+    return (1,) if forward >= 0 else (-1,)
+
+
+def _rotation(angle: float) -> Array:
+    """(2, 2) columns: unit vectors along a direction, and across it."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
+
+
+def _row_count(motion: Motion) -> int:
+    """Number of the sensor's rows in the picture."""
+    return motion.size[0 if DIRECTIONS[motion.readout][0] else 1]
+
+
+def _rows(motion: Motion) -> Array:
+    """(T,) row of the sensor at each point of the trajectory, from that of the pixel (0, 0)."""
+    return np.asarray(motion.trajectory.xy @ DIRECTIONS[motion.readout])
+
+
 def _rows_crossed(motion: Motion) -> float:
     """Rows between the first position and the last."""
-    y = motion.trajectory.xy[:, 1]
+    y = _rows(motion)
     return abs(float(y[-1] - y[0]))
 
 
@@ -511,10 +571,10 @@ def _mean_and_top(
     if scale is not None and scale.motion is not None:
         size *= np.sqrt(1 + lag)  # the area that gave the radius is stretched by 1 + lag
     T = 1.0 if exposure_time is None else exposure_time
-    y, t = motion.trajectory.xy[:, 1], motion.trajectory.t
+    y, t = _rows(motion), motion.trajectory.t
     rows_crossed = max(_rows_crossed(motion), 1e-12)
-    down = np.diff(y) / np.diff(t) * np.sign(y[-1] - y[0]) / rows_crossed
-    slower = np.maximum(1 + lag * down, 1e-6)
+    later = np.diff(y) / np.diff(t) * np.sign(y[-1] - y[0]) / rows_crossed
+    slower = np.maximum(1 + lag * later, 1e-6)
     fastest = motion.top_speed * np.max(motion.speeds / slower) / max(np.max(motion.speeds), 1e-12)
     return size * motion.length / (T * (1 + lag)), float(size * fastest / T)
 
@@ -544,4 +604,4 @@ def _shutter_effect(motion: Motion, exposure_time: float | None) -> float | None
     """Relative change of the speed that a usual rolling shutter would cause; None if not known."""
     if exposure_time is None:
         return None
-    return USUAL_READOUT_S / motion.size[1] * _rows_crossed(motion) / exposure_time
+    return USUAL_READOUT_S / _row_count(motion) * _rows_crossed(motion) / exposure_time

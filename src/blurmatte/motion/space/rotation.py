@@ -167,7 +167,7 @@ def _of_sweep(sweep: Sweep) -> Rotation:
     n = len(sweep.path)
     J = np.zeros((3, len(sweep.covariance)))
     turn = sweep.silhouette.turn(sweep.shape)
-    J[:2, :n], J[2, -1] = D[0], 1 if turn >= 0 else -1
+    J[:2, :n], J[2, n:] = D[0], np.copysign(sweep.silhouette.turn_slope(), turn)
     return Rotation(middle[0], abs(turn), J @ sweep.covariance @ J.T)
 
 

@@ -122,7 +122,7 @@ class Silhouette:
         known = min(2 * self.order - 1, 2 * other.order - 1)
         mine[1:known] = shape[1:known]
         if self.turns:
-            mine[2 * self.order - 1] = other.turn(shape)
+            mine[self._turn] = other.turn(shape)
         if self.changes:
             mine[self._rates] = other.rates(shape)[: self._changing]
         if self.soft:
@@ -247,7 +247,14 @@ class Silhouette:
 
     def turn(self, shape: Array) -> float:
         """Rotation during the exposure, radians from +x towards +y."""
-        return float(shape[2 * self.order - 1]) if self.turns else 0.0
+        return float(shape[self._turn]) if self.turns else 0.0
+
+    def turn_slope(self) -> Array:
+        """(m,) derivatives of the turn by the parameters."""
+        slope = np.zeros(self.size)
+        if self.turns:
+            slope[self._turn] = 1.0
+        return slope
 
     def rates(self, shape: Array) -> Array:
         """(3,) rates (g, a, b) of change during the exposure, logarithms; 0 if it does not change."""
@@ -256,9 +263,14 @@ class Silhouette:
         return rates
 
     @property
+    def _turn(self) -> int:
+        """Position of the turn among the parameters, if it turns."""
+        return 2 * self.order - 1
+
+    @property
     def _rates(self) -> slice:
         """Positions of the rates among the parameters."""
-        first = 2 * self.order - 1 + self.turns
+        first = self._turn + self.turns
         return slice(first, first + self._changing)
 
     def softness(self, shape: Array) -> float:
