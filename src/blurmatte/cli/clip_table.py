@@ -171,9 +171,9 @@ def median_radius(rows: Rows) -> Length:
 
 
 def _reliable(rows: Rows) -> list[bm.Sighting]:
-    """The detections without doubts, or all if there are no others."""
+    """The detections off the border and without doubts, or all if there are no others."""
     found = [row.sighting for row in rows if row.sighting is not None]
-    return [one for one in found if not one.doubts] or found
+    return [one for one in found if one.is_sound] or found
 
 
 def _radius(found: Sequence[bm.Sighting]) -> str:
