@@ -150,6 +150,7 @@ def track(
         given_files(clip, plate, followed.color, reading.transfer),
         {"frames": chosen.frames, "transfer": reading.transfer},
         ball,
+        physics.true_radius is not None,
     )
     check_outputs(out, overlay, task.unfinished)
     frames = _frames(clip, chosen, reading, physics)
@@ -203,6 +204,7 @@ def _answer(
         physics.exposure_seconds,
         physics.line_seconds,
         measured.place_std,
+        measured.radius_std,
     )
     with about(task.source):
         found = summaries(rows, places, task.several, known)
