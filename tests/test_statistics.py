@@ -17,6 +17,7 @@ from blurmatte.statistics import (
     chi_square_quantile,
     core_mean_square,
     robust_std,
+    scaled_inverse,
     significant_inflation,
     variance_inflation,
 )
@@ -170,3 +171,23 @@ def test_constants_are_the_quantiles():
     """Oracle: to the digits printed."""
     assert_allclose(MEDIAN_3, chi2.ppf(0.5, 3), atol=5e-4)
     assert_allclose(QUANTILE_999_3, chi2.ppf(0.999, 3), atol=5e-3)
+
+
+def test_scaled_inverse_does_not_depend_on_units():
+    """Invariant: parameters of very different units; fixed ones stay 0."""
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(6, 3))
+    M, units = A.T @ A, np.array([1e-16, 1.0, 1e9])
+    found = scaled_inverse(M * units * units[:, None])
+    assert_allclose(found * units * units[:, None], np.linalg.inv(M), rtol=1e-9)
+    fixed = np.zeros((4, 4))
+    fixed[:3, :3] = M
+    assert_allclose(scaled_inverse(fixed)[:3, :3], np.linalg.inv(M), rtol=1e-9)
+    assert not scaled_inverse(fixed)[3].any()
+
+
+def test_scaled_inverse_is_zero_without_information():
+    """Exact: two parameters of which only the sum is known."""
+    inverse = scaled_inverse(np.array([[4.0, 4.0], [4.0, 4.0]]))
+    assert_allclose(inverse @ [1, -1], 0, atol=1e-15)
+    assert_allclose(inverse @ [1, 1], 1 / 8)

@@ -129,3 +129,15 @@ def pooled_log_odds(odds: Sequence[tuple[float, float]], mistake_probability: fl
     mistake, right = np.log(mistake_probability), np.log1p(-mistake_probability)
     bounded = np.logaddexp(right + each, mistake) - np.logaddexp(right, mistake + each)
     return np.asarray(bounded.sum(axis=0))
+
+
+def scaled_inverse(matrix: Array) -> Array:
+    """Inverse of a symmetric matrix (k, k) whose rows have different units, such as an information.
+
+    In directions in which it is 0, as those of parameters that are fixed, the inverse is 0 too. Rows
+    are scaled to a diagonal of 1 before that is decided.
+    """
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    scale = np.where(scale > 0, scale, 1.0)
+    inverse = np.linalg.pinv(matrix / scale / scale[:, None], hermitian=True)
+    return np.asarray(inverse / scale / scale[:, None], float)

@@ -14,6 +14,7 @@ from blurmatte.deblurring.view import View
 from blurmatte.metrics import subframe_psnr
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Camera, Change, Shot, add_noise
+from blurmatte.sweep.model.path import FROM_REST
 from blurmatte.sweep.model.silhouette import Silhouette
 
 from .conftest import NOISE, case, patches
@@ -116,6 +117,21 @@ def test_a_growth_that_the_sweep_lacks_is_found():
 
 
 @pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+def test_parameters_that_are_fixed_keep_their_values(ball, sharp):
+    """Exact: a departure at its bound, as of a line, has no information; so does another motion."""
+    off = np.array([3.0, -2.0, -3.0, 2.5])
+    covariance = np.diag([0.05**2] * 4 + [1e-32, 0.05**2])
+    wrong = replace(
+        ball.sweep,
+        family=FROM_REST,
+        path=np.append(ball.sweep.path + off, -0.09),
+        covariance=covariance,
+    )
+    found = bm.deblur(ball.image, ball.plate, wrong)
+    assert_allclose(found.sweeps[0].path[:4], sharp.sweeps[0].path, atol=0.1)
+    assert found.sweeps[0].path[4] == pytest.approx(-0.09)
+
+
 def test_errors_of_a_wrong_model_are_widened():
     """The texture of a ball that spins: residuals are correlated."""
     z = []

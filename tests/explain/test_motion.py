@@ -7,6 +7,7 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.explain import explain
+from blurmatte.explain.numbers import direction
 from blurmatte.motion import Scale
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.sweep import Sweep, path_family
@@ -93,3 +94,28 @@ def test_speed_in_words(speed, said):
 def test_no_line_time_is_requested_if_given():
     """Exact."""
     assert "rolling" not in " ".join(explain(motion_of(*LINE).speed(line_time=0)))
+
+
+@pytest.mark.parametrize(
+    ("degrees", "said"),
+    [
+        (0, "0° from right towards down (right)"),
+        (40, "40° from right towards down (right and down)"),
+        (90, "90° from right towards down (down)"),
+        (135, "135° from right towards down (left and down)"),
+        (180, "180° from right towards down (left)"),
+        (-179, "179° from right towards up (left)"),
+        (-135, "135° from right towards up (left and up)"),
+        (-90, "90° from right towards up (up)"),
+        (-46, "46° from right towards up (right and up)"),
+    ],
+)
+def test_direction_names_its_octant(degrees, said):
+    """Exact: y is down."""
+    assert direction(degrees) == said
+
+
+def test_path_upward_points_up():
+    """Exact: at −31°."""
+    said = " ".join(explain(motion_of("line", [20, 60, 70, 30])))
+    assert "° from right towards up (right and up), or the opposite one" in said

@@ -29,12 +29,16 @@ class Known:
     time: Length | None  # exposure time and its error, seconds
     line_time: float  # of a rolling shutter, seconds
     place_std: tuple[float, float] = (0.0, 0.0)  # error in x and y that all places share, pixels
+    radius_std: float = 0.0  # of all radii by a transfer curve that is not stated, relative
 
     def scale(self, rows: Rows) -> bm.Scale | None:
         """Meters per pixel of the object in these rows."""
         if self.moved_in_space is not None:
             return None
-        return self.scale_of(*(median_radius(rows) if self.by_size else (1.0, 0.0)))
+        if not self.by_size:
+            return self.scale_of(1.0, 0.0)
+        radius, std = median_radius(rows)
+        return self.scale_of(radius, math.hypot(std, self.radius_std * radius))
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +79,12 @@ def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Su
     words = [_radius(found)] if found and places is None else []
     scatter = bm.frame_scatter(rows)
     words += [] if scatter is None else bm.explain(scatter)
+    if known.radius_std and scale is not None:
+        words.append(
+            "The clip does not state its transfer curve: between Rec. 709, sRGB and gamma 2.2 the "
+            f"radius varies by {known.radius_std:.1%}, which is part of the error of the scale; give "
+            "--transfer."
+        )
     words += [] if places is None else _in_space(rows, places)
     try:
         fall = _fall(rows, places, scale, known)
@@ -171,9 +181,9 @@ def median_radius(rows: Rows) -> Length:
 
 
 def _reliable(rows: Rows) -> list[bm.Sighting]:
-    """The detections without doubts, or all if there are no others."""
+    """The detections off the border and without doubts, or all if there are no others."""
     found = [row.sighting for row in rows if row.sighting is not None]
-    return [one for one in found if not one.doubts] or found
+    return [one for one in found if one.is_sound] or found
 
 
 def _radius(found: Sequence[bm.Sighting]) -> str:

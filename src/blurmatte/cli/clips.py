@@ -70,9 +70,9 @@ class ClipTask:
     inputs: tuple[Path, ...]  # files whose contents must be equal to resume
     settings: dict[str, Any]  # of the reading, which must be equal too
     ball: KnownBall | None = None
-    readout: Direction | None = (
-        None  # where the next row of the sensor lies; None: as the file says
-    )
+    # Where the next row of the sensor lies; None: as the file says
+    readout: Direction | None = None
+    by_size: bool = False  # whether the scale follows from the radius in pixels
 
     @property
     def unfinished(self) -> Path | None:
@@ -102,7 +102,8 @@ class ClipTask:
 class Measured:
     """What the frames show: the plate, the object's color, where it was, and in space if asked.
 
-    `place_std` is the error in x and y that all places share, pixels.
+    `place_std` is the error in x and y that all places share, pixels; `radius_std` that of all radii by
+    a transfer curve that is not known, relative.
     """
 
     plate: bm.LinearImage
@@ -110,6 +111,7 @@ class Measured:
     rows: list[bm.FrameMotion]
     places: Places | None
     place_std: tuple[float, float]
+    radius_std: float = 0.0
 
 
 def measure_frames(
@@ -119,6 +121,7 @@ def measure_frames(
     from blurmatte.motion.clip.color import color_in_scene
     from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
     from blurmatte.motion.clip.scene import clip_plate
+    from blurmatte.motion.clip.transfer_spread import radius_spread
     from blurmatte.motion.clip.workers import return_freed_memory
 
     model, count = _given_color(task.color), task.workers
@@ -157,7 +160,11 @@ def measure_frames(
         places = None
         if task.ball is not None:
             places = task.ball.places(frames, plate, rows, model, workers)
-    return Measured(plate, model, rows, places, frames.place_std)
+    spread = 0.0
+    if frames.curve_assumed and task.by_size:
+        with waiting("comparing transfer curves"):
+            spread = radius_spread(frames, plate, rows, frames.frame_numbers)
+    return Measured(plate, model, rows, places, frames.place_std, spread)
 
 
 def remove_unfinished(task: ClipTask) -> None:

@@ -153,6 +153,7 @@ def track(
         {"frames": chosen.frames, "transfer": reading.transfer},
         ball,
         direction("--readout", physics.readout),
+        physics.true_radius is not None,
     )
     check_outputs(out, overlay, task.unfinished)
     frames = _frames(clip, chosen, reading, physics)
@@ -209,6 +210,7 @@ def _answer(
         physics.exposure_seconds,
         physics.line_seconds,
         measured.place_std,
+        measured.radius_std,
     )
     with about(task.source):
         found = summaries(rows, places, task.several, known)

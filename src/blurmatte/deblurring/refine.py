@@ -34,6 +34,7 @@ from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prio
 from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
 from blurmatte.deblurring.sphere import HARMONICS, Sphere
 from blurmatte.deblurring.view import View
+from blurmatte.statistics import scaled_inverse
 
 Array = npt.NDArray[np.float64]
 Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
@@ -147,7 +148,7 @@ def refined(
                 coarse = _likeliest([view.coarser(by) for view in known], start, nodes)
                 start = _parameters(coarse[0].views)
     state, information = _likeliest(known, start, lattice, weights, steps, least_gain)
-    covariance = np.asarray(np.linalg.inv(information), float)
+    covariance = scaled_inverse(information)
     state = replace(state, views=tuple(_at(views, _parameters(state.views), covariance)))
     if weights is None and isinstance(lattice, Lattice):
         state = _within_streak(state, lattice)
@@ -175,7 +176,7 @@ def _likeliest(
                 secants.append((last, before[1] - gradient))
         before = _parameters(state.views), gradient
         information = with_curvature(information, secants)
-        step = np.asarray(np.linalg.solve(information, gradient), float)
+        step = scaled_inverse(information) @ gradient
         if gradient @ step / 2 < least_gain:
             break
         better = _along(state, step, first, lattice)
@@ -239,7 +240,7 @@ def objective(state: Explained, first: Explained) -> float:
 
 def _precision(view: View) -> Array:
     """Σ⁻¹ (k, k); 0 for parameters that are fixed."""
-    return np.asarray(np.linalg.pinv(view.covariance, hermitian=True), float)
+    return scaled_inverse(view.covariance)
 
 
 def information_of(

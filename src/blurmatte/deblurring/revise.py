@@ -24,7 +24,7 @@ from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.refine import Explained, explained, information_of, refined
 from blurmatte.deblurring.view import View
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, scaled_inverse
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 Array = npt.NDArray[np.float64]
@@ -100,7 +100,7 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     held = _held(view)
     start = fine.start(_wide(sweep, held, grows=True))
     information, gradient = information_of(start, start, fine.lattice)
-    if gradient @ np.linalg.solve(information, gradient) / 2 < DECISIVE_LOG_BAYES_FACTOR:
+    if gradient @ scaled_inverse(information) @ gradient / 2 < DECISIVE_LOG_BAYES_FACTOR:
         return sweep
     steady = _wide(sweep, held, grows=False)
     found = _grown([fine], [steady], held)
@@ -181,8 +181,9 @@ def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
     that moves by a part of the picture is of that order.
     """
     n, silhouette = len(sweep.path), sweep.silhouette
+    points = 2 * (n // 2)  # pixels; a departure is a fraction of the exposure
     wider = np.full(len(sweep.covariance), sweep.radius)
-    wider /= np.sqrt(max(np.diag(sweep.covariance)[:n].max(), 1e-9))
+    wider /= np.sqrt(max(np.diag(sweep.covariance)[:points].max(), 1e-9))
     for k in held:
         wider[k] = RevisionSettings.held_std_px / np.sqrt(sweep.covariance[k, k])
     covariance = sweep.covariance * wider * wider[:, None]

@@ -2,16 +2,17 @@
 
 import numpy as np
 
-from blurmatte.explain.numbers import with_error
+from blurmatte.explain.numbers import direction, with_error
 from blurmatte.motion.clip.fall import FreeFall
 
+_MAX_NAMED = 4  # frames in a sentence
 STANDARD_GRAVITY = 9.80665  # m/s² [3rd CGPM, 1901]
 
 
 def fall_in_words(fall: FreeFall) -> list[str]:
     """Sentences about the agreement with a free fall, and the lengths that follow from it."""
-    if not fall.fits:
-        return [f"It does not agree with a free fall: {fall.rejection}."]
+    if fall.rejection and (fall.gravity is None or not fall.fits):
+        return [f"It does not agree with a free fall: {fall.rejection}.", *_off(fall)]
     noise = "as noise does"
     if fall.overscatter > 1:
         noise = (
@@ -22,17 +23,31 @@ def fall_in_words(fall: FreeFall) -> list[str]:
         f"It agrees with a free fall: the residuals of a parabola in time have "
         f"{f'{ratio:.2g}' if ratio < 100 else f'{ratio:.0f}'} times the variance of its positions, "
         f"{noise}. Its acceleration is {fall.size:.4g} ± {fall.size_std:.2g} {fall.unit}/s², "
-        f"{_direction(fall)}."
+        f"{_direction(fall)}.",
+        *_off(fall),
     ]
     if fall.scale is None:
         return said
     return said + (_compared(fall) if fall.gravity is None else _in_gravity(fall))
 
 
+def _off(fall: FreeFall) -> list[str]:
+    """The frames that were not used because they disagree."""
+    if not fall.off:
+        return []
+    named = [str(frame) for frame in fall.off[:_MAX_NAMED]]
+    more = len(fall.off) - len(named)
+    what = f"{', '.join(named)} and {more} more" if more else " and ".join(named[-2:])
+    if not more and len(named) > 2:
+        what = f"{', '.join(named[:-2])}, {what}"
+    frames, have = ("Frame", "has") if len(fall.off) == 1 else ("Frames", "have")
+    return [f"{frames} {what} {have} no weight: off the parabola of the others by more than noise."]
+
+
 def _direction(fall: FreeFall) -> str:
     if fall.unit == "px":
-        angle = np.degrees(np.arctan2(fall.acceleration[1], fall.acceleration[0]))
-        return f"at {angle:.1f}° (from right towards down)"
+        degrees = np.degrees(np.arctan2(fall.acceleration[1], fall.acceleration[0]))
+        return direction(float(degrees), float(np.degrees(fall.angle_std)))
     off, std = np.degrees(fall.off_gravity)
     x, y, z = fall.acceleration
     what = "straight down in the picture; if it is gravity, the camera is tilted by that"

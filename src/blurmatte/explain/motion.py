@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from blurmatte.checks import Direction
-from blurmatte.explain.numbers import with_error
+from blurmatte.explain.numbers import direction, with_error
 from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
 
@@ -88,8 +88,8 @@ def _path(motion: Motion) -> Iterator[str]:
     least = "at least " if motion.at_border else ""
     degrees, std = np.degrees([motion.angle, motion.angle_std])
     yield (
-        f"It went {least}{length} in the direction {with_error(degrees, std)}° (from right towards "
-        "down), or the opposite one: one picture does not determine which."
+        f"It went {least}{length} in the direction {direction(degrees, std)}, or the opposite one: "
+        "one picture does not determine which."
     )
     if motion.at_border:
         yield (

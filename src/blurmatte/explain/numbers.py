@@ -3,6 +3,17 @@
 import math
 from typing import Any
 
+_OCTANTS = (  # clockwise in the picture
+    "right",
+    "right and down",
+    "down",
+    "left and down",
+    "left",
+    "left and up",
+    "up",
+    "right and up",
+)
+
 
 def rounded_std(std: float) -> str:
     """A standard deviation alone: one digit, or no fraction."""
@@ -15,6 +26,13 @@ def with_error(value: float, std: float) -> str:
         return f"{value:.4g}"
     digits = max(0, 1 - math.floor(math.log10(std)))
     return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
+def direction(degrees: float, std: float = 0.0) -> str:
+    """An angle in the picture, −180 to 180, y down, and in words which way it points."""
+    way, octant = "up" if degrees < 0 else "down", round(degrees / 45) % 8
+    words = _OCTANTS[octant]
+    return f"{with_error(abs(degrees), std)}° from right towards {way} ({words})"
 
 
 def channels(values: Any, errors: Any) -> str:

@@ -37,6 +37,7 @@ from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
+_UNSTATED = 0, H273.UNSPECIFIED  # transfer characteristics
 _ENCODED_ROWS = 64  # of a picture at a time: saves memory
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
 
@@ -59,6 +60,7 @@ class Clip:
     bits: int  # per code value
     white: int  # the code value of white in FFmpeg's R'G'B' of 8 or 16 bits
     alpha: bool  # true if it has an alpha channel
+    curve_assumed: bool = False  # true if neither the file nor the caller states the transfer curve
 
     @property
     def place_std(self) -> tuple[float, float]:
@@ -115,6 +117,7 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             bits=bits,
             white=_white(first, bits),
             alpha=any(part.is_alpha for part in first.format.components),
+            curve_assumed=transfer is None and int(first.color_trc) in _UNSTATED,
         )
 
 
@@ -430,7 +433,7 @@ def _curve(path: Path, frame: Any, transfer: Transfer | None, stacklevel: int) -
         return transfer
     if stated in CICP_CURVES:
         return CICP_CURVES[stated]
-    if stated not in (0, H273.UNSPECIFIED):
+    if stated not in _UNSTATED:
         raise FileError(
             f"{path}: its curve (number {stated} of H.273) is not supported; name that of the camera "
             "with transfer= (--transfer), such as slog3, or convert the clip to BT.709"

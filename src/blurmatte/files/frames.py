@@ -102,6 +102,11 @@ class Frames(Sequence[Frame]):
         """Error of all places in x and in y, pixels, if it is not known where chroma lies."""
         return (0.0, 0.0) if self.clip is None else self.clip.place_std
 
+    @property
+    def curve_assumed(self) -> bool:
+        """True if the transfer curve of a clip is not stated, and was not given."""
+        return self.clip is not None and self.clip.curve_assumed
+
     def for_plate(self: "Frames[LinearImage]", plate: LinearImage | None) -> "Frames[LinearImage]":
         """The frames to be measured before a plate: their chroma where it agrees with the plate.
 

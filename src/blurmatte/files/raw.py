@@ -286,7 +286,7 @@ def _to_srgb(raw: Any, balance: tuple[float, float, float] | None) -> Matrix3 | 
         return None
     matrix = np.array(raw.color_matrix, dtype=float)[:, :3]
     from_xyz = np.array(raw.rgb_xyz_matrix, dtype=float)[:3]
-    if not matrix.any() and from_xyz.any():
+    if not matrix.any() and np.linalg.matrix_rank(from_xyz) == 3:
         of_srgb = from_xyz @ _SRGB_TO_XYZ
         matrix = np.linalg.inv(of_srgb / of_srgb.sum(axis=1, keepdims=True))
     if not (matrix.any() and np.isfinite(matrix).all()):

@@ -102,7 +102,7 @@ def fit_transfer(
     tried = declared, *(curve for curve in curves if curve.name != declared.name)
     left = []
     for curve in tried:
-        pictures = with_noise(_decoded_again(image, curve), _decoded_again(plate, curve))
+        pictures = with_noise(decoded_again(image, curve), decoded_again(plate, curve))
         left.append(_inflation_of_one_color(streak, *pictures))
     return TransferFit(tried, left)
 
@@ -116,7 +116,7 @@ def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearIma
     return variance_inflation(minimize(disc, search.bounds))
 
 
-def _decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:
+def decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:
     """The picture decoded with another curve; its noise is unknown."""
     declared = picture.meta.transfer
     assert declared is not None

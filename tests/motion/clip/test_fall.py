@@ -108,6 +108,104 @@ def test_rejects_path_around_circle():
     assert not bm.fit_fall(rows).fits
 
 
+def moved(row, dx, dy, **changes):
+    """The row elsewhere."""
+    seen = row.sighting
+    return replace(row, sighting=replace(seen, x=seen.x + dx, y=seen.y + dy, **changes))
+
+
+def test_wrong_frames_do_not_decide_a_fall():
+    """Honest: one at the border, one doubtful, and one with a wrong error, all far off the parabola."""
+    rng, z = np.random.default_rng(10), []
+    for _ in range(60):
+        rows = flight(rng, count=20)
+        rows[0] = moved(rows[0], 9, 14, at_border=True)
+        rows[7] = moved(rows[7], -6, 11, doubts="It is of two parts.")
+        rows[12] = moved(rows[12], 1, 3)
+        fall = bm.fit_fall(rows, bm.Scale(SCALE), G)
+        assert fall.fits
+        assert {0, 7, 12} <= set(fall.off)
+        z.append((fall.lengths[0] - 1) / fall.lengths[1])
+    assert np.std(z) == pytest.approx(1, abs=0.2)
+    said = " ".join(bm.explain(fall))
+    assert "Frames 0, 7 and 12 have no weight: off the parabola of the others" in said
+    assert fall.numbers()["frames_off"] == 3
+
+
+def test_frames_off_a_fall_are_counted_and_some_are_named():
+    """Exact: one frame, and many."""
+    rows = flight(np.random.default_rng(11), count=30)
+    rows[4] = moved(rows[4], 0, 5)
+    assert "Frame 4 has no weight" in bm.explain(bm.fit_fall(rows))[1]
+    for k in (9, 13, 20, 21, 26):
+        rows[k] = moved(rows[k], 5, 0)
+    assert "Frames 4, 9, 13, 20 and 2 more have no weight" in bm.explain(bm.fit_fall(rows))[1]
+
+
+def test_fall_without_sound_frames_uses_all():
+    """Exact: each has a doubt."""
+    rows = [moved(row, 0, 0, doubts="A doubt.") for row in flight(np.random.default_rng(12))]
+    fall = bm.fit_fall(rows)
+    assert fall.fits
+    assert fall.freedom == 12
+
+
+def rolled(t):
+    """A ball that rolls with friction and comes to rest after 1 s, pixels."""
+    s = np.minimum(t, 1.0)
+    return np.stack([50 + 400 * s - 200 * s**2, np.full(len(t), 300.0)], axis=1)
+
+
+def driven(t):
+    """An object on a crank."""
+    return np.stack([300 + 0 * t, 200 - 80 * np.cos(2 * np.pi * t)], axis=1)
+
+
+def dragged(t):
+    """A light ball that air slows to its terminal velocity, 300 px/s, within a tenth of a second."""
+    return np.stack([100 + 0 * t, 300 * (t + 0.1 * np.exp(-t / 0.1))], axis=1)
+
+
+@pytest.mark.parametrize("path", [rolled, driven, dragged])
+@pytest.mark.parametrize("stated", [0.1, 0.03])
+def test_rejects_what_does_not_fall(path, stated):
+    """Exact: with noise as stated, and with more; no outliers hide it."""
+    t = np.arange(45) / RATE
+    places = path(t) + np.random.default_rng(13).normal(0, 0.1, (45, 2))
+    rows = [
+        bm.FrameMotion(k, float(t[k]), sighting(place, stated), 1) for k, place in enumerate(places)
+    ]
+    fall = bm.fit_fall(rows)
+    assert not fall.fits
+    assert bm.explain(fall)[0].startswith("It does not agree with a free fall")
+
+
+def test_rejects_parabolas_that_point_off_down():
+    """Exact: a ball that rolls with friction and does not stop, and one at constant speed."""
+    t = np.arange(20) / RATE
+    noise = np.random.default_rng(14).normal(0, 0.1, (20, 2))
+    rolling = [
+        bm.FrameMotion(k, float(t[k]), sighting(place), 1)
+        for k, place in enumerate(rolled(t) + noise)
+    ]
+    assert bm.fit_fall(rolling).fits
+    (said,) = bm.explain(bm.fit_fall(rolling))
+    assert "It does not agree with a free fall: its acceleration points 90° off down" in said
+    steady = [
+        bm.FrameMotion(k, float(t[k]), sighting(place), 1)
+        for k, place in enumerate(300 * t[:, None] * (1, 0.3) + noise)
+    ]
+    (said,) = bm.explain(bm.fit_fall(steady))
+    assert "is not 5 times its error" in said
+
+
+def test_fall_of_equal_times_is_rejected():
+    """Door."""
+    rows = [replace(row, time=0.5) for row in flight(np.random.default_rng(15))]
+    with pytest.raises(bm.MotionError, match="a fall needs 4 different times, got 1"):
+        bm.fit_fall(rows)
+
+
 def test_gravity_in_tilted_cameras():
     """Exact: for a camera that looks down, the part parallel to the picture; for a turned one."""
     rng = np.random.default_rng(1)

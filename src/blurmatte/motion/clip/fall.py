@@ -28,6 +28,7 @@ class FallSettings:
     min_chi2_probability: float = 1e-3
     min_f_probability: float = 1e-2
     min_f_positions: int = 7  # fewer leave too few degrees of freedom for the F test
+    max_outlier_fraction: float = 0.2  # of the positions: more are no mistakes of single frames
     max_scatter: float = 0.1  # of the spread of the positions, the largest error
     min_acceleration_std: float = 5.0  # standard deviations: below, its inverse is not normal
     min_tilt: float = float(np.radians(10))  # radians off gravity, of a camera held by hand
@@ -64,6 +65,8 @@ class FreeFall:
         Standard deviation of its magnitude.
     scaled_by_gravity : bool
         True if the scale was computed from gravity and acceleration.
+    off : tuple of int
+        Frames that differ from the parabola by more than noise and have no weight.
     """
 
     place: Array
@@ -79,6 +82,7 @@ class FreeFall:
     gravity: Array | None = None
     gravity_std: float = 0.0
     scaled_by_gravity: bool = False
+    off: tuple[int, ...] = ()
 
     @property
     def fits(self) -> bool:
@@ -105,6 +109,14 @@ class FreeFall:
         """Its standard deviation."""
         u = self.acceleration / max(self.size, 1e-12)
         return float(np.sqrt(u @ self.acceleration_covariance @ u))
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of the direction of the acceleration in a picture, radians."""
+        x, y = self.acceleration[:2] / max(self.size, 1e-12)
+        across = np.array([-y, x])
+        spread = across @ self.acceleration_covariance[:2, :2] @ across
+        return float(np.sqrt(max(spread, 0.0))) / max(self.size, 1e-12)
 
     @property
     def lengths(self) -> tuple[float, float]:
@@ -144,10 +156,13 @@ class FreeFall:
                 f"{least:g} times its error; use a longer flight or more frames"
             )
         off, std = self.off_gravity
-        if self.directed and off > max(FallSettings.min_tilt, FallSettings.min_tilt_std * std):
+        if self._down_is_known and off > max(
+            FallSettings.min_tilt, FallSettings.min_tilt_std * std
+        ):
             vector = "x,y or x,y,z" if self.unit == "px" else "x,y,z, or its size alone"
+            down = "gravity" if self.directed else "down in the picture"
             return (
-                f"its acceleration points {np.degrees(off):.0f}° off gravity; choose the flight alone, "
+                f"its acceleration points {np.degrees(off):.0f}° off {down}; choose the flight alone, "
                 f"or give gravity as the camera sees it, {vector}"
             )
         return ""
@@ -156,6 +171,11 @@ class FreeFall:
     def directed(self) -> bool:
         """True if the direction of gravity is known."""
         return self.gravity is not None and len(self.gravity) == len(self.place)
+
+    @property
+    def _down_is_known(self) -> bool:
+        """True if the direction of gravity is known, or that of the picture is taken for it."""
+        return self.directed or (self.gravity is None and self.unit == "px")
 
     @property
     def off_gravity(self) -> tuple[float, float]:
@@ -215,6 +235,7 @@ class FreeFall:
             "likely": self.likely,
             "overscatter": self.overscatter,
             "fits": self.fits,
+            "frames_off": len(self.off),
         }
         if self.scale is not None:
             g, std_g = self.in_meters(self.scale)

@@ -4,6 +4,10 @@ x(t) = x₀ + v t + a t² / 2 for all coordinates, by least squares, each positi
 covariance. The mean position over an exposure differs from that in its middle by a T² / 24, T the
 exposure time; this shift is the same in all frames and changes only x₀.
 
+Positions at the border of the picture and those with doubts have the weight 0, since their errors are
+not known. Of the others, those that differ by more than noise does from the parabola that is likeliest
+under Student's t (`smoothing`) are outliers, and have the weight 0 if they are few.
+
 If the positions scatter by more than their errors, as in compressed clips, their scatter replaces the
 errors, provided that a polynomial of fourth order is not significantly better: an F test of nested
 fits. It rejects a bounce, an arc or air drag. A path around a circle is rejected because the residuals
@@ -11,21 +15,24 @@ of the parabola are nearly as large as the path.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import factorial
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import Bools, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.clip.detections import FrameMotion, check_rows, main_track
 from blurmatte.motion.clip.fall import FallSettings, FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace, check_line_time_of_clip
+from blurmatte.motion.clip.smoothing import SmoothingSettings, noise_scale, student_weights
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.motion.space.ball_motion import BallMotion
 
 Array = npt.NDArray[np.float64]
+
+_REWEIGHTINGS = 30  # of positions; their weights then change by less than a thousandth
 
 
 def fit_fall(
@@ -37,7 +44,9 @@ def fit_fall(
 ) -> FreeFall:
     """Fit a parabola in time to the longest track, the path of a free flight.
 
-    This checks the flight; with a known gravity and no scale, it also gives the scale.
+    This checks the flight; with a known gravity and no scale, it also gives the scale. Frames at the
+    border and those with doubts have no weight, if there are four others; nor has a frame in five or
+    fewer that differs from the parabola of the others by more than noise (`FreeFall.off`).
 
     Parameters
     ----------
@@ -79,7 +88,8 @@ def fit_fall(
     times = _times([row.time for row in track]) + line_time * rows_of_sensor
     least = FallSettings.min_position_std_px**2 * np.eye(2)
     known = np.array([s.covariance + least for s in seen])
-    fall = replace(_parabola(times, places, known), scale=scale)
+    flight = _Flight([row.frame for row in track], times, places, known)
+    fall = replace(flight.fall(np.array([one.is_sound for one in seen])), scale=scale)
     return fall if gravity is None else fall.in_gravity(gravity, gravity_std)
 
 
@@ -121,13 +131,16 @@ def fit_fall_in_space(
     ValueError
         Without a time for each, or if gravity is no such number or vector.
     """
-    flight = _flight(balls) if times is None else _timed(balls, times)
-    _check_count(len(flight), "positions in space")
-    t = _times([ball.time for ball in flight])
-    places = np.array([ball.place for ball in flight])
-    known = np.array([ball.picture_covariance for ball in flight])
-    scale = Scale(1.0, max(ball.shared for ball in flight))
-    fall = replace(_parabola(t, places, known), scale=scale)
+    used = _flight(balls) if times is None else _timed(balls, times)
+    _check_count(len(used), "positions in space")
+    flight = _Flight(
+        [ball.frame for ball in used],
+        _times([ball.time for ball in used]),
+        np.array([ball.place for ball in used]),
+        np.array([ball.picture_covariance for ball in used]),
+    )
+    scale = Scale(1.0, max(ball.shared for ball in used))
+    fall = replace(flight.fall(np.ones(len(used), bool)), scale=scale)
     return fall if gravity is None else fall.in_gravity(gravity, gravity_std)
 
 
@@ -164,7 +177,55 @@ def _times(times: Sequence[float | None]) -> Array:
     t = np.array([np.nan if time is None else time for time in times])
     if not np.all(np.isfinite(t)):
         raise MotionError("the frames have no times; give the rate, frames per second")
+    if len(np.unique(t)) < FallSettings.min_positions:
+        raise MotionError(
+            f"a fall needs {FallSettings.min_positions} different times, got {len(np.unique(t))}; give "
+            "the rate, frames per second"
+        )
     return t
+
+
+@dataclass(frozen=True, eq=False)
+class _Flight:
+    """Numbers of frames (m,), times (m,), positions (m, n), and their covariances (m, n, n)."""
+
+    frames: list[int]
+    times: Array
+    places: Array
+    known: Array
+
+    def fall(self, sound: Bools) -> FreeFall:
+        """The parabola of the sound positions, without a few outliers; of all, if few are sound."""
+        if sound.sum() < FallSettings.min_positions:
+            sound = np.ones(len(sound), bool)
+        excess = self._excess(sound)
+        used = sound & (excess <= 1)
+        most = FallSettings.max_outlier_fraction * sound.sum()
+        if used.sum() < FallSettings.min_f_positions or (sound & ~used).sum() > most:
+            used = sound
+        fall = _parabola(self.times[used], self.places[used], self.known[used])
+        off = np.flatnonzero(~used & (excess > 1)).tolist()
+        return replace(fall, off=tuple(self.frames[k] for k in off))
+
+    def _excess(self, sound: Bools) -> Array:
+        """(m,) χ² about the Student-t parabola of the sound positions, over the limit of noise."""
+        from scipy.special import fdtri  # scipy.stats takes a second to import
+
+        t, n = self.times - self.times[sound].mean(), self.places.shape[1]
+        W, freedom = np.linalg.inv(self.known), np.full(len(t), float(n))
+        weights, chi2 = np.ones(len(t)), np.zeros(len(t))
+        count = int(sound.sum())
+        free = n * max(count - 3, 1)
+        share = free / (n * count)  # of χ² that the parabola leaves
+        for _ in range(_REWEIGHTINGS):
+            known = self.known[sound] / weights[sound, None, None]
+            found, *_ = _polynomial(t[sound], self.places[sound], known, 2)
+            off = self.places - _powers(t, 2) @ found
+            chi2 = np.einsum("mi,mij,mj->m", off, W, off)
+            chi2 /= noise_scale(chi2[sound] / share, freedom[sound])
+            weights = student_weights(chi2, freedom)
+        limit = SmoothingSettings.min_outlier_probability / count
+        return np.asarray(chi2 / n / fdtri(n, free, 1 - limit))
 
 
 def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
@@ -200,14 +261,18 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
 def _polynomial(t: Array, places: Array, known: Array, degree: int) -> tuple[Array, Array, float]:
     """Derivatives (degree + 1, n) at t = 0, their covariance and χ², by weighted least squares."""
     n = places.shape[1]
-    powers = np.stack([t**k / factorial(k) for k in range(degree + 1)], axis=1)
-    J = np.kron(powers[:, None], np.eye(n))
+    J = np.kron(_powers(t, degree)[:, None], np.eye(n))
     W = np.linalg.inv(known)
     H = np.einsum("mia,mij,mjb->ab", J, W, J)
     found = np.linalg.solve(H, np.einsum("mia,mij,mj->a", J, W, places))
     residuals = places - J @ found
     chi2 = float(np.einsum("mi,mij,mj->", residuals, W, residuals))
     return found.reshape(-1, n), np.linalg.inv(H), chi2
+
+
+def _powers(t: Array, degree: int) -> Array:
+    """(m, degree + 1) factors of the derivatives in the positions at times t (m,)."""
+    return np.stack([t**k / factorial(k) for k in range(degree + 1)], axis=1)
 
 
 def _check_count(count: int, what: str) -> None:

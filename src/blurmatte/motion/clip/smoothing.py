@@ -251,9 +251,16 @@ def excess_over_noise(chi2: Array, freedom: Array, which: Bools) -> Array:
     known = which & np.isfinite(chi2)
     if not known.any():
         return np.zeros(len(chi2))
-    scale = max(float(np.median(chi2[known] / chdtri(freedom[known], 0.5))), 1.0)
+    scale = noise_scale(chi2[known], freedom[known])
     limit = SmoothingSettings.min_outlier_probability / int(known.sum())
     return np.where(known, chi2 / scale / chdtri(np.maximum(freedom, 1.0), limit), 0)
+
+
+def noise_scale(chi2: Array, freedom: Array) -> float:
+    """Variance of the noise in units of the stated one, from the median of χ² (n,); at least 1."""
+    from scipy.special import chdtri  # scipy.stats takes a second to import
+
+    return max(float(np.median(chi2 / chdtri(freedom, 0.5))), 1.0)
 
 
 def in_large_parts(used: Bools, part: npt.NDArray[np.int_]) -> Bools:

@@ -1,0 +1,54 @@
+"""radius_spread: the error of radii by a transfer curve that is not known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import blurmatte as bm
+from blurmatte.calibration import with_noise
+from blurmatte.motion.clip.transfer_spread import radius_spread
+from blurmatte.radiometry import REC709, SRGB, LinearImage, Meta
+from blurmatte.rendering import plain_plate
+from blurmatte.sweep.fit_sweep import fit_disc
+
+RADIUS = 13.0
+START, END = (30.0, 30.0), (60.0, 38.0)
+
+
+def assumed(light):
+    """Light of an sRGB file of 8 bits, read as Rec. 709."""
+    codes = np.round(255 * SRGB.encode(np.clip(light, 0, 1))) / 255
+    return LinearImage(REC709.decode(codes).astype(np.float32), meta=Meta(transfer=REC709))
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """A frame, a plate, and the row of the ball in it."""
+    plate = plain_plate((96, 72), (0.12, 0.13, 0.16), 4)
+    ball = bm.Ball(RADIUS, color=(0.8, 0.6, 0.2), ambient=1.0)
+    truth = bm.render(bm.Scene(plate, bm.Trajectory.line(START, END), ball))
+    noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
+    seen = bm.Sighting(
+        45, 34, 0.1, 0.1, 0.0, 30.0, 8.0, 0.1, 0.1, 31.0, 0.1, 0.26, 0.01, RADIUS, 0.1,
+        *START, *END, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, "",
+    )  # fmt: skip
+    row = bm.FrameMotion(4, 0.1, seen, 1)
+    return assumed(truth.image.rgb + noise[0]), assumed(truth.plate.rgb + noise[1]), row
+
+
+def test_spread_of_the_radius_covers_the_true_curve(scene):
+    """Honest: the radius with the wrong curve is off by no more than twice the spread."""
+    frame, plate, row = scene
+    spread = radius_spread([frame], plate, [row], [4])
+    streak = bm.find_streaks(frame, plate)[0]
+    wrong = fit_disc(*with_noise(frame, plate), streak).radius
+    assert 0.002 < spread < 0.03
+    assert abs(np.log(wrong / RADIUS)) < 2 * spread
+
+
+def test_spread_is_unknown_without_whole_frames(scene):
+    """Exact: at the border."""
+    frame, plate, row = scene
+    cut = replace(row, sighting=replace(row.sighting, at_border=True))
+    assert radius_spread([frame], plate, [cut], [4]) == 0
