@@ -11,6 +11,7 @@ from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks.evidence import StreakSettings, evidence, light_change
 from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
+from blurmatte.streaks.outliers import without_outliers
 from blurmatte.streaks.streak import Streak
 
 
@@ -44,6 +45,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     if not (image.valid & plate.valid).any():
         raise _nothing_usable(image, plate)
     image, plate = with_noise(image, plate)
+    image = without_outliers(image, plate)
     cell = int(np.ceil(np.sqrt(image.valid.size / StreakSettings.max_cells)))
     T = evidence(image, plate, cell)
     moved = opened(StreakSettings.possible < T)  # thin: a shifted edge of the plate
