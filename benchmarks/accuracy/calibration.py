@@ -174,7 +174,7 @@ def of_light(solution: Solution, layer: Layer, where: Bools, channel: int) -> Er
 
 def of_sum(solution: Solution, layer: Layer) -> Errors:
     stats, summed = solution.stats, solution.streak & solution.known
-    std = np.hypot(stats["sum_alpha_std"], stats["alpha_scale_std"] * stats["sum_alpha"])
+    std = stats["sum_alpha_std"]
     return np.array([stats["sum_alpha"] - layer.alpha[summed].sum()]), np.array([std])
 
 

@@ -191,7 +191,6 @@ def _with_claims(
     std, stats, summed = combined_std(solution), solution.stats, solution.streak & solution.known
     claims = (
         stats["sum_alpha_std"],
-        stats["alpha_scale_std"] * stats["sum_alpha"],
         facts.alpha_std * np.sqrt(np.count_nonzero(summed)),
     )
     true_sum = float(near.alpha[summed].sum(dtype=float))

@@ -16,7 +16,7 @@ from blurmatte.background.warp import (
 SIZE = WIDTH, HEIGHT = 60, 40
 POINTS = np.array([(x, y) for y in range(8, 32, 3) for x in range(8, 52, 3)])
 H = np.array([0.01, -0.02, 0.03, 0.015, -0.01, 0.02, 0.004, -0.003])
-FREE, ROWS = np.arange(8), 7
+FREE, ROWS = np.arange(8), np.arange(7)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def compared(plate, h, light, valid=None):
     valid = np.ones(plate.shape[:2], bool) if valid is None else valid
     C, sigma = np.zeros((len(POINTS), 3)), np.full((len(POINTS), 3), 0.1)
     residuals = np.empty((len(POINTS), 3))
-    slopes = np.empty((len(POINTS), 3, len(FREE) + 3 * ROWS))
+    slopes = np.empty((len(POINTS), 3, len(FREE) + 3 * len(ROWS)))
     picture = spline_coefficients(plate), slope_x, slope_y, valid
     points, match = (C, sigma, basis, POINTS), (homography(h), to_centered(SIZE), light)
     compare(picture, points, match, FREE, ROWS, residuals, slopes)
@@ -71,11 +71,11 @@ def test_light_derivatives_equal_differences(plate):
     own = light()
     before, slopes, _ = compared(plate, H, own)
     for c in range(3):
-        for row in range(ROWS):
+        for row in range(len(ROWS)):
             more = own.copy()
             more[row, c] += 1
             change = compared(plate, H, more)[0] - before
-            assert_allclose(change[:, c], slopes[:, c, 8 + c * ROWS + row], atol=1e-9)
+            assert_allclose(change[:, c], slopes[:, c, 8 + c * len(ROWS) + row], atol=1e-9)
             assert_allclose(np.delete(change, c, axis=1), 0, atol=1e-12)
 
 

@@ -209,3 +209,51 @@ def test_matches_without_known_noise():
     assert match.shift[0] == pytest.approx(0.8, abs=0.02)
     assert match.apply(unknown[1]).noise is None
     with_noise(unknown[0], match.apply(unknown[1]))
+
+
+def banded(rendering, waves, seed, std=0.004, axis=0):
+    """Image and plate under lamps: gains of (period, amplitude, phase) each, in rows or columns."""
+    rng, pictures = np.random.default_rng(seed), []
+    for light, (period, amplitude, phase) in zip(
+        (rendering.image.rgb, rendering.plate.rgb), waves, strict=True
+    ):
+        position = np.arange(light.shape[axis])
+        gain = 1 + np.sin(2 * np.pi * position / period + phase)[:, None] * np.array(amplitude)
+        gain = gain[:, None] if axis == 0 else gain[None]
+        noisy = light * gain + rng.normal(0, std, light.shape)
+        pictures.append(bm.LinearImage(noisy, bm.NoiseModel(read_std=std)))
+    return pictures
+
+
+@pytest.mark.parametrize(
+    ("period", "amplitude", "axis"),
+    [(70, (0.1, 0.1, 0.1), 0), (40, (0.03, 0.03, 0.03), 0), (55, (0.02, 0.06, 0.09), 1)],
+)
+def test_describes_bands_of_lamps(period, amplitude, axis):
+    """exact: the ratio of two sines, whose amplitude per channel and period are known."""
+    waves = [(period, amplitude, 0.3), (period, amplitude, 2.2)]
+    image, plate = banded(RENDERING, waves, 5, axis=axis)
+    match = bm.fit_match(image, plate, bm.Matching.EXPOSURE)
+    assert f"in bands of {period} {('rows', 'columns')[axis]}" in match.in_words
+    position = np.arange(image.rgb.shape[axis])[:, None]
+    ratio = [1 + np.sin(2 * np.pi * position / period + w[2]) * np.array(w[1]) for w in waves]
+    fitted = match.light[0] + match.bands.gain(image.size)
+    assert np.abs(fitted - ratio[0] / ratio[1]).max() < 0.1 * max(amplitude)
+    assert np.all(match.bands.gain_std(image.size) < 0.05 * max(amplitude))
+
+
+@pytest.mark.battery
+def test_bands_before_a_plain_wall_are_no_motion():
+    image, plate = banded(scene(3, plain_plate), [(50, 0.1, 0.0), (50, 0.1, 2.0)], 1)
+    match = bm.fit_match(image, plate)
+    assert match.bands is not None
+    assert not match.moves
+
+
+def test_streak_across_the_picture_is_no_band():
+    """invariant: it changes some rows only, but most of their pixels."""
+    light = colorful_plate(SIZE, np.random.default_rng(7))
+    ball = bm.Ball(18, np.array([0.9, 0.5, 0.1]))
+    rendering = bm.render(bm.Scene(light, bm.Trajectory.line((20, 90), (220, 90)), ball))
+    image, plate = photographed(rendering, Drift(), 1)
+    assert bm.match_plate(plate, image) is plate

@@ -97,7 +97,6 @@ def test_errors_equal_those_computed_directly(root, outcome):
     sum_error = solution.alpha[summed].sum() - true[summed].sum()
     stats = solution.stats
     sum_variance = stats["sum_alpha_std"] ** 2 + TRUTH_STD**2 * summed.sum()
-    sum_variance += (stats["alpha_scale_std"] * stats["sum_alpha"]) ** 2
     light = (solution.premultiplied - truth.layer.premultiplied)[known]
     light_z = (light / solution.premultiplied_std[known]).ravel()
     assert outcome.answered

@@ -11,10 +11,9 @@ from blurmatte.matting import Quality
 
 def test_the_sum_of_alpha_is_an_area(solution):
     said = " ".join(
-        explain(solution(sum_alpha=np.pi * 100, sum_alpha_std=3.0, alpha_scale_std=0.02))
+        explain(solution(sum_alpha=np.pi * 100, sum_alpha_std=7.0, alpha_scale_std=0.02))
     )
     assert "Alpha up to 0.30." in said
-    # hypot(3, 0.02 * 314) = 6.96
     assert "Sum of alpha 314 ± 7, if the given color is right: the area" in said
     assert "radius would be 10.0 ± 0.1." in said
     assert "not explained by the color model 10.0%" in said

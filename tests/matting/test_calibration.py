@@ -1,6 +1,6 @@
 """Calibrated errors: their terms, their distribution over pixels, and grades."""
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, fields, replace
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from blurmatte.matting.calibration import (
     error_terms,
     grade_of,
     graded,
+    reasons,
 )
 from blurmatte.matting.maps import Grade
 from blurmatte.sweep import Diagnostics
@@ -284,3 +285,23 @@ def test_grade_includes_the_error_of_the_sum():
     assert graded(replace(one, sum_std=0.05 * total))["grade"] is Grade.PLAUSIBLE
     assert graded(replace(one, sum_std=0.2 * total))["grade"] is Grade.ASSUMED
     assert graded(replace(one, alpha_std=5 * one.alpha_std))["grade"] is Grade.PLAUSIBLE
+
+
+def test_reasons_are_true_of_their_numbers():
+    """Over random terms, claims, weights and files: no reason without its fact."""
+    rng = np.random.default_rng(0)
+    names = [field.name for field in fields(ErrorTerms)]
+    seen = set()
+    for _ in range(300):
+        terms = ErrorTerms(**dict(zip(names, rng.exponential(1, len(names)), strict=True)))
+        weights, claim = rng.dirichlet([0.1] * 3), rng.exponential(0.02)
+        compressed = bool(rng.integers(2))
+        found = reasons(terms, claim, weights, compressed)
+        assert len(found) <= 3
+        assert compressed or "file" not in found
+        assert np.sort(weights)[-2] >= 0.01 or "disagreement" not in found
+        assert ("noise" in found) == (claim > 0.02)
+        seen |= set(found)
+    assert {"noise", "disagreement", "shape", "size"} <= seen
+    assert reasons(ErrorTerms(noise=5.0), 0.001, np.array([1.0]), True) == ["file"]
+    assert reasons(ErrorTerms(small_claim=5.0), 0.001, np.array([1.0]), True) == []

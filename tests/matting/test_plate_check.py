@@ -118,7 +118,8 @@ def test_swapped_pictures_are_detected_despite_noise():
     texture = two_hue_plate((96, 64), (0.4, 0.2, 0.3), (0.3, 0.25, 0.35), 0)
     streak, rng = Streak.from_box((10, 10, 86, 54), (96, 64)), np.random.default_rng(0)
     camera = Camera(NoiseModel(read_std=0.005), bits=None)
-    image, plate = (camera.photograph(light, rng) for light in (texture, 0.4 * texture + 0.15))
+    covered = np.where(streak.mask[..., None], 0.4 * texture + 0.15, texture)
+    image, plate = (camera.photograph(light, rng) for light in (texture, covered))
     assert _looks_swapped(image, plate, streak)
 
 
@@ -131,3 +132,15 @@ def test_noise_is_not_taken_for_texture():
         a, b = (camera.photograph(flat, rng) for camera in cameras)
         assert not _looks_swapped(a, b, streak)
         assert not _looks_swapped(b, a, streak)
+
+
+@pytest.mark.parametrize("gain", [0.8, 1.0, 1.3])
+def test_shading_and_wrong_noise_do_not_look_swapped(paint, gain):
+    """A gain that falls to the corners in the image alone, and noise stated twice too large."""
+    image, plate, streak = pair(paint)
+    y, x = np.indices(image.valid.shape)
+    shading = gain * (1 - 0.2 * ((x / 191 - 0.5) ** 2 + (y / 127 - 0.5) ** 2))
+    shaded = LinearImage(image.rgb * shading[..., None], NOISE)
+    loud = NoiseModel(gain=8e-4, read_std=0.004)
+    assert not _looks_swapped(shaded, plate.with_noise(NOISE), streak)
+    assert not _looks_swapped(shaded.with_noise(loud), plate.with_noise(loud), streak)

@@ -363,7 +363,8 @@ def test_balls_are_solved_without_a_color(answers, name):
     assert rms < 0.02
     assert rms < 2 * solution.stats["alpha_error"]
     stats, true = solution.stats, truth.layer.alpha.sum()
-    claimed_sum = np.hypot(stats["sum_alpha_std"], stats["alpha_scale_std"] * true)
+    claimed_sum = stats["sum_alpha_std"]
+    assert claimed_sum >= stats["alpha_scale_std"] * stats["sum_alpha"]
     assert abs(stats["sum_alpha"] - true) < 3 * claimed_sum < 0.6 * true
 
 
@@ -569,6 +570,18 @@ def test_rejects_equal_pictures(paint, bits):
         solve(image, plate)
     with pytest.raises(MotionError, match="nothing moved"):
         solve(image, image)
+
+
+def test_names_a_change_of_light_that_hides_a_streak(paint):
+    """door: bands whose period changes, which the match cannot describe, are not "nothing moved"."""
+    row = np.arange(paint.plate.rgb.shape[0])[:, None, None]
+    noise = np.random.default_rng(0).normal(0, 0.003, (2, *paint.plate.rgb.shape))
+    pictures = [
+        LinearImage(paint.plate.rgb * (1 + 0.15 * np.sin(row**1.5 / 90 + phase)) + n)
+        for phase, n in zip((0.0, 2.5), noise, strict=True)
+    ]
+    with pytest.raises(MotionError, match=r"differ by \d+% of their light .* 1/100 s"):
+        solve(*pictures)
 
 
 def test_rejects_black_pictures():

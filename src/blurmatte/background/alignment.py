@@ -1,8 +1,8 @@
 """Robust regression of an image on its plate: homography and light, in one likelihood.
 
 In this file C is the light of the image, B(h) the plate under the homography h (see `warp`), φᵢ the
-polynomials 1, u, v, u², uv, v² in centered coordinates, gᵢ their coefficients and o an offset, both per
-channel:
+polynomials 1, u, v, u², uv, v² in centered coordinates and, if there are bands, their cosines and sines
+(see `bands`), gᵢ their coefficients and o an offset, both per channel:
 
     C ≈ B(h) · Σ gᵢφᵢ + o
 
@@ -31,7 +31,8 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
-LIGHTS = (0, 1, 2, 7)  # free rows of light: none, gain, and offset, and a quadratic field of gain
+# Free rows of light: none, gain, and offset, and a quadratic field of gain
+LIGHTS = ((), (0,), (0, 1), tuple(range(7)))
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ class Level:
     C, slope_x and slope_y (h, w, 3) are the image and the gradient of the plate, spline its spline
     coefficients, image_slopes (h, w, 3, 2) the gradient of the image; valid (h, w) excludes three
     pixels around invalid ones and the border. At the points xy (n, 2), sigma (n, 3) is the standard
-    deviation of the difference, basis (n, 6) are the polynomials φ.
+    deviation of the difference, basis (n, 6) are the polynomials φ; those of bands follow.
     """
 
     C: Array
@@ -80,13 +81,26 @@ class Level:
         height, width = self.valid.shape
         return width, height
 
+    @property
+    def identity(self) -> "Fit":
+        """Neither motion nor change of light, without residuals."""
+        bands = np.zeros((self.basis.shape[1] - len(IDENTITY_LIGHT) + 1, 3))
+        light = np.concatenate([IDENTITY_LIGHT, bands])
+        return Fit(np.zeros(8), light, np.zeros((0, 3)), np.zeros((0, 0)))
+
+    def free_rows(self, light: int) -> list[int]:
+        """The free rows of light: those of a member of LIGHTS, and all bands."""
+        return [*LIGHTS[light], *range(len(IDENTITY_LIGHT), self.basis.shape[1] + 1)]
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Parameters h (8,) of the homography and light (7, 3): gain, offset, the other five coefficients.
+    """Parameters h (8,) of the homography and light (7 + bands, 3): gain, offset, the other five
+    coefficients, and those of bands.
 
     residuals (n, 3) are in standard deviations, NaN outside the plate; covariance is that of the free
-    parameters, h first, then light channel by channel; model are the indices of GEOMETRIES and LIGHTS.
+    parameters, h first, then the free rows of light, channel by channel; model are the indices of
+    GEOMETRIES and LIGHTS.
     """
 
     h: Array
@@ -94,6 +108,7 @@ class Fit:
     residuals: Array
     covariance: Array
     model: tuple[int, int] = (0, 0)
+    rows: tuple[int, ...] = ()
 
     @property
     def scale(self) -> float:
@@ -173,14 +188,14 @@ def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
     After convergence, outliers get no weight and the fit continues: a large object otherwise biases the
     light.
     """
-    free, rows = list(GEOMETRIES[model[0]]), LIGHTS[model[1]]
-    h, light = start.h.copy(), start.light.copy()
-    prior = np.eye(len(free) + 3 * rows) / AlignmentSettings.parameter_std**2
+    free, rows = list(GEOMETRIES[model[0]]), level.free_rows(model[1])
+    h, light, identity = start.h.copy(), start.light.copy(), level.identity.light[rows]
+    prior = np.eye(len(free) + 3 * len(rows)) / AlignmentSettings.parameter_std**2
     inliers = np.ones((len(level.xy), 3), bool)
     for left in range(15, -1, -1):  # steps
         residuals, slopes = _compare(level, h, light, free, rows)
         normal, gradient = _equations(residuals, slopes, inliers)
-        now = np.concatenate([h[free], (light[:rows] - IDENTITY_LIGHT[:rows]).T.ravel()])
+        now = np.concatenate([h[free], (light[rows] - identity).T.ravel()])
         step = np.linalg.solve(normal + prior, -gradient - prior @ now)
         if (
             left == 0
@@ -193,19 +208,20 @@ def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
                 residuals
             )
         h[free] += step[: len(free)]
-        light[:rows] += step[len(free) :].reshape(3, rows).T
-    return Fit(h, light, residuals, _covariance(level, h, residuals, slopes, free), model)
+        light[rows] += step[len(free) :].reshape(3, len(rows)).T
+    covariance = _covariance(level, h, residuals, slopes, free)
+    return Fit(h, light, residuals, covariance, model, tuple(rows))
 
 
 def first_step(level: Level) -> tuple[Array, Array, float]:
     """First step of the largest model from the identity: h, light, and the log likelihood gained."""
-    rows = LIGHTS[-1]
+    rows = list(LIGHTS[-1])
     residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
     normal, gradient = _equations(residuals, slopes, np.True_)
     step = -np.linalg.solve(
         normal + np.eye(len(normal)) / AlignmentSettings.parameter_std**2, gradient
     )
-    h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, rows).T)
+    h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, len(rows)).T)
     return h, light, float(-gradient @ step / 2)
 
 
@@ -258,17 +274,18 @@ def _weights(residuals: Array, scale: float) -> Array:
 
 
 def _compare(
-    level: Level, h: Array, light: Array, free: list[int], rows: int
+    level: Level, h: Array, light: Array, free: list[int], rows: list[int]
 ) -> tuple[Array, Array]:
     """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free."""
     from blurmatte.background.alignment_kernel import compare  # numba takes half a second
 
     x, y = level.xy.T
-    residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + 3 * rows))
+    residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + 3 * len(rows)))
     plate = level.spline, level.slope_x, level.slope_y, level.valid
     points = level.C[y, x], level.sigma, level.basis, level.xy
     match = homography(h), to_centered(level.size), light
-    compare(plate, points, match, np.array(free, np.int64), rows, residuals, slopes)
+    indices = np.array(free, np.int64), np.array(rows, np.int64)
+    compare(plate, points, match, *indices, residuals, slopes)
     return residuals, slopes
 
 
@@ -279,15 +296,33 @@ def log_likelihood_gain(small: Fit, large: Fit) -> float:
     """
     if large.scale > small.scale:
         return -np.inf
+    return float(log_likelihood_gains(small, large).sum())
+
+
+def log_likelihood_gains(small: Fit, large: Fit) -> Array:
+    """(n,) log likelihood of a larger model over that of a smaller one, of each point.
+
+    0 for points that one of them puts outside the plate.
+    """
     freedom, scale = (
         AlignmentSettings.degrees_of_freedom,
         max(large.scale, AlignmentSettings.min_scale),
     )
     both = np.isfinite(small.residuals) & np.isfinite(large.residuals)
     before, after = (
-        np.log1p((fit.residuals[both] / scale) ** 2 / freedom).sum() for fit in (small, large)
+        np.log1p((np.where(both, fit.residuals, 0) / scale) ** 2 / freedom)
+        for fit in (small, large)
     )
-    return float((freedom + 1) / 2 * (before - after))
+    return np.asarray((freedom + 1) / 2 * (before - after).sum(axis=1))
+
+
+def gain_score(level: Level, fit: Fit) -> tuple[Array, Array]:
+    """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
+    residuals, slopes = _compare(level, fit.h, fit.light, [], [0])
+    scale = max(quartile_scale(residuals), AlignmentSettings.min_scale)
+    weight = _weights(residuals, scale) / scale**2
+    B = np.diagonal(slopes, axis1=1, axis2=2)
+    return -weight * B * np.nan_to_num(residuals), weight * B**2
 
 
 def residual_and_image_std(level: Level, fit: Fit) -> tuple[float, float]:

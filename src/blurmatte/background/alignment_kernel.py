@@ -29,12 +29,13 @@ def _bilinear(values, j, i, v, u, c):  # type: ignore[no-untyped-def]
 def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignore[no-untyped-def]
     """Write residuals (n, 3) in standard deviations, NaN outside the plate, and derivatives `slopes`.
 
-    slopes is (n, 3, k + 3 rows), free (k,) the indices of the free parameters of the homography.
+    slopes is (n, 3, k + 3 m), free (k,) the indices of the free parameters of the homography, rows (m,)
+    those of the free rows of the light.
     plate is (spline, slope_x, slope_y, valid): its spline coefficients and its gradient, (h, w, 3),
     and (h, w) its pixels at least three from its border. points is (C, sigma, basis, xy): the
-    image's light and the standard deviation of the difference, (n, 3), the polynomials (n, 6), and
-    the pixels (n, 2). match is (H, to, light): the homography (3, 3) in the centered coordinates
-    into which `to` (3, 3) maps pixels, and (7, 3).
+    image's light and the standard deviation of the difference, (n, 3), the functions of the gain
+    (n, b), and the pixels (n, 2). match is (H, to, light): the homography (3, 3) in the centered
+    coordinates into which `to` (3, 3) maps pixels, and (b + 1, 3).
     """
     spline, slope_x, slope_y, valid = plate
     C, sigma, basis, xy = points
@@ -73,12 +74,13 @@ def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignor
                 B += q[s] * row
             X, Y = _bilinear(slope_x, j, i, v, u, c), _bilinear(slope_y, j, i, v, u, c)
             gain = basis[n, 0] * light[0, c]
-            for r in range(1, 6):
+            for r in range(1, basis.shape[1]):
                 gain += basis[n, r] * light[1 + r, c]
             s = sigma[n, c]
             residuals[n, c] = (B * gain + light[1, c] - C[n, c]) / s
             for r in range(k):
                 slopes[n, c, r] = gain / s * (X * moves[0, free[r]] + Y * moves[1, free[r]])
-            for r in range(rows):
-                by_light = 1 / s if r == 1 else basis[n, max(r - 1, 0)] * B / s
-                slopes[n, c, k + c * rows + r] = by_light
+            for r in range(len(rows)):
+                row = rows[r]
+                by_light = 1 / s if row == 1 else basis[n, max(row - 1, 0)] * B / s
+                slopes[n, c, k + c * len(rows) + r] = by_light

@@ -2,7 +2,7 @@
 
 Between two pictures the tripod is touched, the lamps drift, the camera changes its white balance. The
 models of `alignment` are compared by penalized log likelihood: geometry (identity, shift, homography)
-and light (identity, gain per channel, and offset, and a quadratic field).
+and light (identity, gain per channel, and offset, and a quadratic field, and bands of rows or columns).
 """
 
 import logging
@@ -23,6 +23,16 @@ from blurmatte.background.alignment import (
     log_likelihood_gain,
     residual_and_image_std,
 )
+from blurmatte.background.bands import Bands
+from blurmatte.background.fit_bands import (
+    MAX_HARMONICS,
+    bands_of,
+    fit_bands,
+    gain_of_bands,
+    refined,
+    strongest_bands,
+    with_bands,
+)
 from blurmatte.background.match import Match, median_light
 from blurmatte.background.warp import IDENTITY_LIGHT
 from blurmatte.checks import check_kind, check_same_size
@@ -36,8 +46,9 @@ Array = npt.NDArray[np.float64]
 class Matching(Enum):
     """Which changes of a plate `fit_match` considers.
 
-    NONE: no change. EXPOSURE: light only. SHIFT: shift, gain and offset. FULL: any homography and a
-    smooth field of light. The least of each is always fitted, more only where the data require it.
+    NONE: no change. EXPOSURE: light only. SHIFT: shift, gain and offset. FULL: any homography, a
+    smooth field of light, and bands. The least of each is always fitted, more only where the data
+    require it.
     """
 
     NONE = "none"
@@ -132,11 +143,16 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     logging.getLogger("blurmatte").info("matching the plate")
     pyramid = levels(image, plate)
     fine = next(pyramid)
-    if len(fine.xy) < MatchSettings.min_points or (matching is None and _matches(fine, plate)):
+    if len(fine.xy) < MatchSettings.min_points:
         return Match.nothing(image.size)
-    max_offset = MatchSettings.max_offset * median_light(plate)
-    best = _select_model(fine, list(pyramid), matching, max_offset)
-    match = _match_of(best, image.size)
+    bands_gain, *_ = strongest_bands(fine, fine.identity)
+    if matching is None and _matches(fine, plate) and bands_gain <= _penalty_of_bands(1):
+        return Match.nothing(image.size)
+    coarse, max_offset = list(pyramid), MatchSettings.max_offset * median_light(plate)
+    best, bands = _select_model(fine, coarse, matching, max_offset), None
+    if matching is not Matching.SHIFT:
+        best, bands = _select_bands(fine, coarse, best, matching, max_offset)
+    match = replace(_match_of(best, image.size), bands=bands)
     _check_same_scene(match, best, fine, plate)
     if matching is None and _is_negligible(match, plate):
         return Match.nothing(image.size)
@@ -167,8 +183,8 @@ def _select_model(
     the plate's noise.
     """
     smallest, largest = _MODELS[matching]
-    identity = Fit(np.zeros(8), IDENTITY_LIGHT, np.zeros((0, 3)), np.zeros((0, 0)))
-    rough = identity
+    identity = fine.identity
+    rough = coarse[-1].identity if coarse else identity
     for level in reversed(coarse):
         rough = fit_level(level, rough, (min(largest[0], 1), 1))
         rough = fit_level(level, rough, (largest[0], 1))
@@ -200,18 +216,54 @@ def _select_model(
         model = max(gains, key=lambda other: gains[other])
 
 
+def _select_bands(
+    fine: Level, coarse: list[Level], plain: Fit, matching: Matching | None, max_offset: Array
+) -> tuple[Fit, Bands | None]:
+    """The best fit without bands, or the best one with bands and these, if they are likelier.
+
+    With one harmonic the other models are selected again: bands that are not in the model look like
+    a shift or a field. Further harmonics are added as long as they gain.
+    """
+    starts = (
+        fit_level(fine, fine.identity, (0, 1)),
+        plain,
+    )  # a false shift hides bands, a true one too
+    found = [strongest_bands(fine, start) for start in starts]
+    start = starts[int(found[1] > found[0])]
+    expected, axis, frequency = max(found)
+    if expected <= _penalty_of_bands(1):
+        return plain, None
+    place = axis, refined(fine, start, axis, frequency)
+    best = _select_model(with_bands(fine, *place, 1), coarse, matching, max_offset)
+    gained = gain_of_bands(fine, plain, best, axis) + _penalty(plain.model) - _penalty(best.model)
+    if gained <= _penalty_of_bands(1):
+        return plain, None
+    for harmonics in range(2, MAX_HARMONICS + 1):
+        fit = fit_bands(fine, best, *place, harmonics)
+        more = _penalty_of_bands(harmonics) - _penalty_of_bands(harmonics - 1)
+        if log_likelihood_gain(best, fit) <= more:
+            break
+        best = fit
+    return best, bands_of(best, *place)
+
+
+def _penalty_of_bands(harmonics: int) -> float:
+    """Of the coefficients, and of the frequency."""
+    return MatchSettings.parameter_penalty * (6 * harmonics + 1)
+
+
 def _penalty(model: tuple[int, int]) -> float:
-    parameters = len(GEOMETRIES[model[0]]) + 3 * LIGHTS[model[1]]
+    parameters = len(GEOMETRIES[model[0]]) + 3 * len(LIGHTS[model[1]])
     return MatchSettings.parameter_penalty * parameters
 
 
 def _match_of(fit: Fit, size: tuple[int, int]) -> Match:
     h_std, light_std = np.zeros(8), np.zeros((7, 3))
-    free, rows = list(GEOMETRIES[fit.model[0]]), LIGHTS[fit.model[1]]
+    free, rows = list(GEOMETRIES[fit.model[0]]), list(LIGHTS[fit.model[1]])
     std = np.sqrt(np.diag(fit.covariance))
     h_std[free] = std[: len(free)]
-    light_std[:rows] = std[len(free) :].reshape(3, rows).T
-    return Match(size, fit.h, fit.light, h_std, light_std)
+    light_std[rows] = std[len(free) :].reshape(3, len(fit.rows)).T[: len(rows)]
+    return Match(size, fit.h, fit.light[: len(light_std)], h_std, light_std)
 
 
 def _check_same_scene(match: Match, fit: Fit, level: Level, plate: LinearImage) -> None:

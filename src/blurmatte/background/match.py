@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.background.bands import Bands
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
     SPLINE_ORDER,
@@ -38,6 +39,8 @@ class Match:
         coordinates.
     h_std, light_std : as h and light
         Standard deviations; 0 for parameters that were not fitted.
+    bands : Bands, optional
+        A periodic part of the gain.
 
     Raises
     ------
@@ -50,6 +53,7 @@ class Match:
     light: Array
     h_std: Array
     light_std: Array
+    bands: Bands | None = None
 
     def __post_init__(self) -> None:
         for name, shape in (("h", (8,)), ("light", (7, 3))):
@@ -73,8 +77,8 @@ class Match:
 
     @property
     def changes_light(self) -> bool:
-        """Whether gain, offset or field differ from the identity."""
-        return bool((self.light != IDENTITY_LIGHT).any())
+        """Whether gain, offset, field or bands differ from the identity."""
+        return self.bands is not None or bool((self.light != IDENTITY_LIGHT).any())
 
     @property
     def homography(self) -> Array:
@@ -119,11 +123,12 @@ class Match:
             return 0.0
         corners = np.abs(self.light[2:]).sum(axis=0)
         offset = np.abs(self.light[1]) / median_light(plate)
-        return float(np.max(np.abs(self.light[0] - 1) + offset + corners))
+        bands = 0.0 if self.bands is None else self.bands.amplitude
+        return float(np.max(np.abs(self.light[0] - 1) + offset + corners)) + bands
 
     @property
     def in_words(self) -> str:
-        """One line: shift, rotation, gain, offset and field."""
+        """One line: shift, rotation, gain, offset, field and bands."""
         parts = []
         if self.moves:
             x, y = self.shift
@@ -138,6 +143,8 @@ class Match:
                 parts.append("plus " + ", ".join(f"{o:+.4f}" for o in self.light[1]))
             if self.light[2:].any():
                 parts.append("changing smoothly over the picture")
+            if self.bands is not None:
+                parts.append(self.bands.in_words(self.size))
         return ", ".join(parts) or "plate as it is"
 
     @property
@@ -179,6 +186,9 @@ class Match:
             return plate
         gain = self._gain_field(plate.rgb.dtype)
         noise = None if plate.noise is None else plate.variance * gain**2
+        if self.bands is not None and noise is not None:
+            std = self.bands.across(self.bands.gain_std(self.size))
+            noise = noise + (plate.rgb * std).astype(plate.rgb.dtype) ** 2
         rgb = plate.rgb * gain + self.light[1].astype(plate.rgb.dtype)
         return replace(plate, rgb=rgb, noise=noise)
 
@@ -196,15 +206,17 @@ class Match:
         return replace(plate, rgb=rgb, noise=noise, valid=_valid_at(plate.valid, at))
 
     def _gain_field(self, dtype: np.dtype[np.floating]) -> npt.NDArray[np.floating]:
-        """(H, W, 3), or (3,) if constant: the factor of the plate's light."""
+        """The factor of the plate's light, as an array that broadcasts to (H, W, 3)."""
+        bands = 0.0 if self.bands is None else self.bands.across(self.bands.gain(self.size))
         if not self.light[2:].any():
-            return np.asarray(self.light[0], dtype=dtype)
+            return np.asarray(self.light[0] + bands, dtype=dtype)
         width, height = self.size
         to = to_centered(self.size)
         u = (np.arange(width) * to[0, 0] + to[0, 2])[None, :, None]
         v = (np.arange(height) * to[1, 1] + to[1, 2])[:, None, None]
         a, _, x, y, xx, xy, yy = self.light
-        return np.asarray(a + x * u + y * v + xx * u * u + xy * u * v + yy * v * v, dtype=dtype)
+        field = a + x * u + y * v + xx * u * u + xy * u * v + yy * v * v
+        return np.asarray(field + bands, dtype=dtype)
 
 
 def median_light(plate: LinearImage) -> Array:

@@ -1,9 +1,8 @@
 """Warnings: why a large part of an answer is unknown or impossible, and what to do."""
 
-import math
-
 import numpy as np
 
+from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import shape_is_likeliest
 from blurmatte.matting.maps import Quality
 from blurmatte.matting.solution import Solution
@@ -49,10 +48,12 @@ def doubts(solution: Solution) -> list[str]:
 
 def _no_object(solution: Solution) -> list[str]:
     total = solution.stats.get("sum_alpha")
-    if total is None or total > 3 * solution.stats.get("sum_alpha_std", 0):
+    std = solution.sum_std_without_factor
+    if total is None or total > 3 * std:
         return []  # a common factor of alpha that is open makes no object disappear
     return [
-        f"Alpha adds up to {total:.0f}, no more than nothing: what moved here does not have this "
+        f"Alpha adds up to {total:.0f} ± {rounded_std(std)}, which may be nothing: what moved here may "
+        "not have this "
         "color; choose the object with a region, or give its own color."
     ]
 
@@ -82,10 +83,3 @@ def alpha_peak(solution: Solution) -> float:
     """The 99.5 % quantile of known alpha; 0 if no pixel is known."""
     alpha = solution.alpha[solution.streak & solution.known]
     return max(float(np.percentile(alpha, 99.5)), 0.0) if alpha.size else 0.0
-
-
-def sum_std(solution: Solution) -> float:
-    """Standard deviation of the sum of alpha, from the noise and from the color."""
-    stats = solution.stats
-    by_color = stats.get("sum_alpha", 0) * stats.get("alpha_scale_std", 0)
-    return math.hypot(stats.get("sum_alpha_std", 0), by_color)

@@ -1,5 +1,6 @@
 """The accuracy of alpha: grade, error, its main causes, and other colors that fit a streak."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,12 +12,16 @@ from blurmatte.matting.solution import Solution
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
-    "color": "the color is uncertain, so that one had to be assumed",
-    "shape": "the shape is uncertain, so that one had to be assumed",
+    "color": "the color is uncertain",
+    "colors": "the colors of the object vary",
+    "shape": "alpha with and without a shape on a path differ",
+    "no shape": "no shape on a path explains the streak",
     "noise": "noise is large compared with what the object changes",
-    "file": "compression changed the colors of neighboring pixels",
-    "size": "few pixels show the object",
-    "disagreement": "hypotheses that are about as likely have different alpha",
+    "correlation": "residuals of neighboring pixels are correlated",
+    "file": "compression hides noise",
+    "size": "the radius is uncertain",
+    "blur": "the blur of the rim is uncertain",
+    "disagreement": "another hypothesis may be right",
 }
 _WITHOUT_NUMBERS = {
     Grade.CONFIRMED: "alpha is known well",
@@ -35,13 +40,31 @@ def grade_in_words(solution: Solution) -> list[str]:
         return []
     grade, known = solution.grade, ", ".join(_errors(stats, solution.grade))
     names = () if grade is Grade.CONFIRMED else stats.get("grade_reasons", ())
-    reasons = ", and ".join(_REASONS.get(name, name) for name in names)
+    reasons = ", and ".join(f"{_REASONS.get(name, name)}{_number(name, stats)}" for name in names)
     said = {
         Grade.CONFIRMED: [known],
         Grade.PLAUSIBLE: [known, reasons],
         Grade.ASSUMED: [reasons, known],
     }[grade]
     return [f"{grade}: {'; '.join(filter(None, said)) or _WITHOUT_NUMBERS[grade]}"]
+
+
+def _number(name: str, stats: Mapping[str, Any]) -> str:
+    """The number behind a reason, with a space before it; empty without the terms of the error."""
+    terms, claim = stats.get("error_terms"), stats.get("claimed_error")
+    if terms is None or claim is None:
+        return ""
+    weights = sorted(stats.get("weights", (1.0,)))
+    numbers = {
+        "noise": lambda: f" (error {claim:.2g})",
+        "shape": lambda: f" (by {claim * math.expm1(terms['shapeless']):.2g})",
+        "color": lambda: f" (± {math.expm1(terms['color_angle']):.2g}°)",
+        "colors": lambda: f" (by {math.degrees(terms['color_spread']):.2g}°)",
+        "size": lambda: f" (± {math.expm1(terms['radius']):.2g} %)",
+        "correlation": lambda: f" ({math.exp(terms['correlation']):.2g} times the variance)",
+        "disagreement": lambda: f" (weight {weights[-2]:.2g})" if len(weights) > 1 else "",
+    }
+    return numbers[name]() if name in numbers else ""
 
 
 def _errors(stats: Mapping[str, Any], grade: Grade) -> list[str]:

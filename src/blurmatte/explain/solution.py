@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.doubt import alpha_peak, doubts, sum_std
+from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.grade import alternatives_in_words, grade_in_words
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import sweep_in_words
@@ -57,7 +57,7 @@ def solution_in_words(solution: Solution) -> Iterator[str]:
 def _area(solution: Solution) -> Iterator[str]:
     """The sum of alpha, and what it lacks."""
     total = solution.stats["sum_alpha"]
-    std = sum_std(solution)
+    std = solution.stats.get("sum_alpha_std", 0.0)
     said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
     if total > 3 * std:
         radius = math.sqrt(total / math.pi)

@@ -26,6 +26,9 @@ from blurmatte.sweep.sweep import Diagnostics
 # Largest error of alpha, root mean square over the streak, and largest relative error of its scale.
 GRADE_LIMITS = {Grade.CONFIRMED: (0.02, 0.03), Grade.PLAUSIBLE: (0.05, 0.1)}
 
+MIN_LIKELY_WEIGHT = 0.01  # of a hypothesis that may be right
+MAX_REASONS = 3  # stated
+
 
 @dataclass(frozen=True)
 class CalibrationSettings:
@@ -99,6 +102,20 @@ def error_terms(
         without_shape=float(not summaries[best].has_shape),
         small_claim=float(np.log(max(_S.large_claim / claim, 1.0))),
     )
+
+
+def reasons(terms: ErrorTerms, claim: float, weights: Array, compressed: bool) -> list[str]:
+    """Causes of the error that are true of the numbers, the largest first.
+
+    claim: the claimed error, which noise alone leaves. weights (n,): of the hypotheses.
+    """
+    true = {
+        "file": compressed,
+        "disagreement": len(weights) > 1 and float(np.sort(weights)[-2]) >= MIN_LIKELY_WEIGHT,
+    }
+    found = ["noise"] if claim > GRADE_LIMITS[Grade.CONFIRMED][0] else []
+    found += [name for name in fitted_calibration().reasons(terms) if true.get(name, True)]
+    return found[:MAX_REASONS]
 
 
 def rms_difference(average: AlphaEstimate, other: AlphaEstimate) -> float:

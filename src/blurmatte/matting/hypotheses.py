@@ -17,6 +17,7 @@ from blurmatte.matting.calibration import (
     claimed_error,
     error_terms,
     graded,
+    reasons,
 )
 from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
 from blurmatte.matting.inpainting import inpaint_light
@@ -26,7 +27,6 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.summary import streak_summary, sweep_summary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.assess.calibration import fitted_calibration
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     hypothesis_scores,
@@ -155,7 +155,7 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
         "alternatives": _alternatives(found, average, (C, B)),
         "claimed_error": claim,
         "error_terms": asdict(terms),
-        "grade_reasons": fitted_calibration().reasons(terms),
+        "grade_reasons": reasons(terms, claim, found.weights, compressed),
         **graded(average),
     }
     return replace(case, model=model, solver=solver), maps, numbers

@@ -39,13 +39,22 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
 
 
 def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
-    """True if the image has over 10 % and four sigma more of the plate's texture."""
-    gained, deviations = _texture_gained(image, plate, streak)
-    return gained > 0.1 and deviations > 4
+    """True if the image has over 10 % and four sigma more of the plate's texture than around it.
+
+    A gain by lens shading, and noise that is stated wrongly, are the same around the streak.
+    """
+    gained, std = _texture_gained(image, plate, streak)
+    x0, y0, x1, y1 = streak.box
+    grown = Streak.from_box(streak.around(max(8, (x1 - x0) // 4, (y1 - y0) // 4)), image.size)
+    around, around_std = 0.0, 0.0
+    if (grown.mask & ~streak.mask).any():
+        around, around_std = _texture_gained(image, plate, Streak(grown.mask & ~streak.mask))
+    more, std = gained - max(around, 0.0), float(np.hypot(std, around_std))
+    return more > 0.1 and more > 4 * std
 
 
 def _texture_gained(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[float, float]:
-    """Relative excess of the plate's texture in the image, and the same in standard deviations.
+    """Relative excess of the plate's texture in the image, and its standard deviation.
 
     Behind an object that covers α of the exposure, 1 − α of the texture remains:
     v = Σ⟨∇C, ∇B⟩ / Σ|∇B|², without the noise in the sum, lies below 1. If image and plate are
@@ -56,20 +65,21 @@ def _texture_gained(image: LinearImage, plate: LinearImage, streak: Streak) -> t
     if not inside.any():
         return 0.0, 0.0
     C, B = (np.asarray(p.rgb, float) for p in (image, plate))
-    noise = 2 * np.median(plate.variance[inside], axis=0)
+    noise = np.asarray(plate.variance, float)
     excess, own = np.zeros(inside.shape), np.zeros(inside.shape)
     for axis in (0, 1):
         both = (inside & np.roll(inside, -1, axis))[..., None]
         step_C, step_B = (np.roll(a, -1, axis) - a for a in (C, B))
-        excess += np.sum(both * (step_B * (step_C - step_B) + noise), axis=-1)
-        own += np.sum(both * (step_B**2 - noise), axis=-1)
+        of_step = noise + np.roll(noise, -1, axis)
+        excess += np.sum(both * (step_B * (step_C - step_B) + of_step), axis=-1)
+        own += np.sum(both * (step_B**2 - of_step), axis=-1)
     # Texture is correlated over many pixels, so the error follows from the scatter of 8-pixel blocks.
     rows, columns = (np.arange(n) // 8 for n in inside.shape)
     block = (rows[:, None] * (columns[-1] + 1) + columns).ravel()
     more, all_own = (np.bincount(block, part.ravel()) for part in (excess, own))
-    gain = float(more.sum() / max(all_own.sum(), 1e-30))
-    std = float(np.sqrt(np.sum((more - gain * all_own) ** 2)))
-    return gain, float(more.sum()) / max(std, 1e-30)
+    total = max(float(all_own.sum()), 1e-30)
+    gain = float(more.sum()) / total
+    return gain, float(np.sqrt(np.sum((more - gain * all_own) ** 2))) / total
 
 
 def _brightness_around(

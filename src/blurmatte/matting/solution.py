@@ -124,10 +124,18 @@ class Solution:
                 stats[name] = factor * stats[name]
         if "grade" in stats:
             total = max(float(self.alpha[self.streak & self.known].sum()), 1e-9)
-            scale = float(np.hypot(stats["alpha_scale_std"], stats["sum_alpha_std"] / total))
+            scale = stats["sum_alpha_std"] / total
             stats["grade"] = grade_of(stats["alpha_error"], scale)
         scaled = np.asarray(factor * self.alpha_std, self.alpha_std.dtype)
         return replace(self, alpha_std=scaled, stats=stats)
+
+    @property
+    def sum_std_without_factor(self) -> float:
+        """Standard deviation of the sum of alpha without that of a factor common to all of alpha."""
+        by_factor = self.stats.get("sum_alpha", 0.0) or 0.0
+        by_factor *= self.stats.get("alpha_scale_std") or 0.0
+        square = float(self.stats.get("sum_alpha_std", 0.0)) ** 2 - by_factor**2
+        return float(np.sqrt(max(square, 0.0)))
 
     @property
     def grade(self) -> Grade:

@@ -27,6 +27,7 @@ from blurmatte.matting.summary import noise_summary, streak_summary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
+from blurmatte.streaks.outliers import without_outliers
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.sweep import Sweep
@@ -122,6 +123,7 @@ def _matched(
     """Match the plate to the image, measure unknown noise, and exclude occluded pixels."""
     match = fit_match(image, plate, matching)
     image, plate = with_noise(image, match.apply(plate))
+    image = without_outliers(image, plate)
     hidden = (
         np.zeros(image.valid.shape, bool) if occluder is None else as_array("occluder", occluder)
     )
@@ -205,7 +207,9 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         "readout": image.meta.readout,
         **numbers,
     }
-    stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], shadow_std))
+    by_factor = stats["alpha_scale_std"] * stats["sum_alpha"]
+    parts = stats["sum_alpha_std"], shadow_std, by_factor
+    stats["sum_alpha_std"] = float(np.linalg.norm(parts))
     _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None and "alpha_error" in numbers:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, NoiseModel, rounding_noise
-from blurmatte.statistics import cell_means
+from blurmatte.statistics import cell_means, robust_std
 
 
 @dataclass(frozen=True)
@@ -28,6 +28,10 @@ class StreakSettings:
     min_relative_contrast: float = 0.1  # of a streak's own; below it is a shadow or halo
     closing: int = 2  # gaps up to twice this are closed
     rim: int = 3  # of a streak, fainter than the noise
+    light_block_px: int = 8  # over which noise averages out, and changes of light do not
+    min_light_change: float = (
+        0.01  # standard deviation over the light; alpha is off by several times it
+    )
 
 
 def evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
@@ -124,6 +128,30 @@ def _mean_square_shift(d: Floats, variance: Floats, edge: Floats) -> float:
     noise = 0.79 * np.median(variance.sum(axis=-1)[strong])  # median over mean of χ², 3 d.o.f.
     excess = np.median((d**2).sum(axis=-1)[strong]) - noise
     return max(float(excess / (np.median(energy[strong]) + 1e-14)), 0.0)
+
+
+def light_change(image: LinearImage, plate: LinearImage) -> float:
+    """Standard deviation of image − plate over blocks, as a fraction of the light.
+
+    0 unless it exceeds what noise, rounding and the codec leave. Medians leave out whatever moved.
+    """
+    side = StreakSettings.light_block_px
+    d, B, known = (
+        np.concatenate(parts) for parts in zip(*_cells_of(image, plate, side), strict=True)
+    )
+    if np.count_nonzero(known) < side:
+        return 0.0
+    steps = np.diff(
+        np.where((image.valid & plate.valid)[..., None], image.rgb - plate.rgb, 0), axis=1
+    )
+    of_noise = np.array([robust_std(steps[..., c]) for c in range(3)]) ** 2 / 2
+    changed = np.array([robust_std(d[known][:, c]) for c in range(3)]) ** 2
+    light = np.maximum(np.median(B[known], axis=0), 1e-6)
+    rounding = rounding_noise(image).variance(light) + rounding_noise(plate).variance(light)
+    least = of_noise / side + StreakSettings.rounding_steps**2 * rounding
+    excess = np.where(changed > least, changed - least, 0) ** 0.5 / light
+    change = float(excess.max())
+    return change if change > StreakSettings.min_light_change else 0.0
 
 
 def _edge_energy(B: Floats) -> Floats:

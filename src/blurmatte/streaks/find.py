@@ -9,9 +9,10 @@ from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
-from blurmatte.streaks.evidence import StreakSettings, evidence
+from blurmatte.streaks.evidence import StreakSettings, evidence, light_change
 from blurmatte.streaks.in_line import join_in_line
 from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
+from blurmatte.streaks.outliers import without_outliers
 from blurmatte.streaks.streak import Streak
 
 
@@ -45,6 +46,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     if not (image.valid & plate.valid).any():
         raise _nothing_usable(image, plate)
     image, plate = with_noise(image, plate)
+    image = without_outliers(image, plate)
     cell = int(np.ceil(np.sqrt(image.valid.size / StreakSettings.max_cells)))
     T = evidence(image, plate, cell)
     moved = opened(StreakSettings.possible < T)  # thin: a shifted edge of the plate
@@ -74,9 +76,17 @@ def _nothing_usable(image: LinearImage, plate: LinearImage) -> PlateError:
 
 
 def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
-    """`find_streaks`, with a MotionError if nothing moved."""
+    """`find_streaks`, with a MotionError if nothing moved, or if changes of light hide it."""
     streaks = find_streaks(image, plate)
     if not streaks:
+        change = light_change(image, plate)
+        if change > 0:
+            raise MotionError(
+                f"no streak: image and plate differ by {change:.0%} of their light all over the "
+                "picture, more than noise and than the match can describe; lamps that flicker leave "
+                "bands: take both in steady light, or with exposure times that are multiples of 1/100 "
+                "s (1/120 s in America)"
+            )
         raise MotionError(
             "nothing moved: image and plate agree within their noise; check that they are two "
             "pictures, or give a region (--region, streak=)"

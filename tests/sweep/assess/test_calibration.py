@@ -73,7 +73,7 @@ def test_at_most_three_reasons_are_named():
     assert set(reasons) <= set(REASONS.values())
 
 
-def test_every_term_has_a_reason():
+def test_reasons_cover_all_terms():
     assert set(REASONS) == set(TERMS)
 
 

@@ -195,9 +195,9 @@ def motion_of_alpha(solution: Solution) -> Motion:
 
 def variance_inflation(solution: Solution) -> float:
     """Variance of the sum of alpha over the sum of the variances, at least 1."""
-    stats, use = solution.stats, solution.streak & solution.known
+    use = solution.streak & solution.known
     independent = float(np.sum(np.asarray(solution.alpha_std[use], float) ** 2))
-    correlated = stats.get("sum_alpha_std", 0.0) ** 2
+    correlated = solution.sum_std_without_factor**2
     return max(float(correlated / independent), 1.0) if independent > 0 else 1.0
 
 

@@ -54,21 +54,21 @@ class ErrorTerms:
             raise ValueError(f"terms must be 0 or more, got {wrong[0]} = {getattr(self, wrong[0])}")
 
 
-# Subject of each term, a key of `explain.grade`.
+# Subject of each term, a key of `explain.grade`; None if it corrects the claim without a cause.
 REASONS = {
     "shapeless": "shape",
     "one_paint": "disagreement",
     "mean": "disagreement",
     "least": "disagreement",
-    "correlation": "noise",
-    "color_spread": "color",
+    "correlation": "correlation",
+    "color_spread": "colors",
     "color_angle": "color",
     "radius": "size",
-    "blur": "size",
-    "residuals": "noise",
+    "blur": "blur",
+    "residuals": "correlation",
     "noise": "file",
-    "without_shape": "shape",
-    "small_claim": "noise",
+    "without_shape": "no shape",
+    "small_claim": None,
 }
 
 
@@ -89,8 +89,8 @@ class Calibration:
     def reasons(self, terms: ErrorTerms) -> list[str]:
         """Subjects of up to three terms that increase the error most, the largest first."""
         parts = sorted(self._parts(terms).items(), key=lambda part: -part[1])
-        largest = [REASONS[name] for name, part in parts if part > 0.2]  # 22 % of the error
-        return list(dict.fromkeys(largest))[:3]
+        large = [REASONS[name] for name, part in parts if part > 0.2]  # 22 % of the error
+        return list(dict.fromkeys(name for name in large if name is not None))[:3]
 
     def _parts(self, terms: ErrorTerms) -> dict[str, float]:
         return {name: self.coefficients.get(name, 0.0) * t for name, t in asdict(terms).items()}

@@ -1,0 +1,65 @@
+"""Single pixels that are no light of the scene: fireflies of path tracers, hot and dead pixels.
+
+In this file d is the difference of image and plate. A lens, an aperture and the area of a pixel spread
+the light of the smallest thing over its neighbors. A pixel that fails, or a sample of a path tracer,
+stays alone.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats
+from blurmatte.radiometry import LinearImage
+
+MIN_DEVIATION = 8.0  # standard deviations of d by which an outlier differs from its neighbors
+# Of a point's light that a neighbor gets at least: a Gaussian point spread of 0.3 pixels leaves 5 %
+MIN_SPREAD = 0.05
+RING = 2  # pixels, of the neighbors beyond the nearest
+
+
+def outliers(image: LinearImage, plate: LinearImage) -> Bools:
+    """(H, W) pixels whose d differs from that of all neighbors as no point spread allows.
+
+    The noise is known. The four nearest neighbors of a pixel get `MIN_SPREAD` of its light, in the
+    median, relative to a ring around them. Two adjacent outliers are found, larger groups are not.
+    """
+    d = np.asarray(image.rgb - plate.rgb, np.float32)
+    sigma = np.sqrt(np.maximum(image.variance + plate.variance, 1e-12))
+    found = np.zeros(image.valid.shape, bool)
+    for y, x in _candidates(d / sigma, image.valid & plate.valid):
+        window = d[y - RING : y + RING + 1, x - RING : x + RING + 1].astype(float)
+        ring = np.concatenate(
+            [window[[0, -1]].reshape(-1, 3), window[1:-1, [0, -1]].reshape(-1, 3)]
+        )
+        level = np.median(ring, axis=0)
+        own = window[RING, RING] - level
+        c = int(np.argmax(np.abs(own) / sigma[y, x]))
+        nearest = window[[1, 2, 2, 3], [2, 1, 3, 2], c] - level[c]
+        spread = float(np.median(nearest * np.sign(own[c])))
+        scatter = float(np.median(np.abs(ring[:, c] - level[c]))) + float(sigma[y, x, c])
+        strong = abs(own[c]) > MIN_DEVIATION * scatter
+        # The noise of the neighbors may hide their share: then a point is as likely.
+        alone = spread + scatter < MIN_SPREAD * abs(own[c])
+        found[y, x] = strong and alone
+    return found
+
+
+def _candidates(z: Floats, valid: Bools) -> npt.NDArray[np.intp]:
+    """(n, 2) rows and columns of valid pixels that exceed six of their eight neighbors by far."""
+    from scipy.ndimage import rank_filter
+
+    size = np.abs(z).max(axis=-1)
+    strong = valid & (size > MIN_DEVIATION)
+    strong[:RING] = strong[-RING:] = strong[:, :RING] = strong[:, -RING:] = False
+    if not strong.any():
+        return np.argwhere(strong)
+    third = rank_filter(size, rank=-3, size=3)
+    return np.argwhere(strong & (third < size / 2))
+
+
+def without_outliers(image: LinearImage, plate: LinearImage) -> LinearImage:
+    """The image whose `outliers` against the plate are not valid."""
+    found = outliers(image, plate)
+    return replace(image, valid=image.valid & ~found) if found.any() else image
