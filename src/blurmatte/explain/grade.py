@@ -10,6 +10,7 @@ from blurmatte.matting.solution import Solution
 
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
+    "duration": "the part of the exposure during which it was there is uncertain",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain, so that one had to be assumed",
     "shape": "the shape is uncertain, so that one had to be assumed",
