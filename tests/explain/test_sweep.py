@@ -97,3 +97,17 @@ def test_soft_rim_is_stated_if_significant(solution, softness, said):
 def test_rotation_and_change_of_the_shape_are_stated(solution, silhouette, words):
     said = explain(solution(sweep=disc_on_arc(silhouette=silhouette)))
     assert words in " ".join(said)
+
+
+@pytest.mark.parametrize(
+    ("opacity", "std", "words"),
+    [
+        (0.5, 0.02, "It was there for 0.500 ± 0.020 of the exposure, or hides that part of the"),
+        (0.7, 0.25, "no texture through it that tells for how much of the exposure it was there"),
+        (1.0, 0.0, None),
+    ],
+)
+def test_the_part_of_the_exposure_is_stated_of_objects_at_rest(solution, opacity, std, words):
+    said = " ".join(explain(solution(sweep=disc_on_arc(opacity=opacity, opacity_std=std))))
+    assert (words or "explains the streak") in said
+    assert ("exposure, or hides" in said) == (opacity == 0.5)

@@ -24,6 +24,7 @@ FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
         Silhouette(4, turns=True),
         Silhouette(4, changes=True),
         Silhouette(camera_stretch=(0.1, -0.2)),
+        Silhouette(opacity=0.3),
     ],
 )
 def test_sweep_round_trips_exactly(name, silhouette):
@@ -41,6 +42,7 @@ def test_sweep_round_trips_exactly(name, silhouette):
         (640, 480),
         Diagnostics("leaves the streak", False, 1.1, radius_error=np.inf, chroma_blur=0.3),
         CastShadow(rng.normal(size=2), 3.3, rng.uniform(size=3)) if silhouette is DISC else None,
+        0.02,
     )
     back = sweep_from_json(sweep_to_json(sweep))
     assert (back.family, back.silhouette, back.size) == (family, silhouette, (640, 480))
@@ -48,6 +50,7 @@ def test_sweep_round_trips_exactly(name, silhouette):
         assert np.array_equal(getattr(back, field), getattr(sweep, field))
     assert np.array_equal(back.model.basis, model.basis)
     assert back.diagnostics == sweep.diagnostics
+    assert back.opacity_std == sweep.opacity_std
     assert back.rejection == sweep.rejection
     assert (back.cast is None) == (sweep.cast is None)
     if sweep.cast is not None:

@@ -675,3 +675,40 @@ def test_a_swung_ball_has_equal_radius_and_color_in_every_round(real_data):
     poles = np.array([solution.model.pole for solution in solutions])
     apart = np.degrees(np.arccos(np.clip(poles @ poles.T, -1, 1)))
     assert apart.max() < 2
+
+
+def flash(opacity, radius=12.0, size=(96, 80), contrast=0.12):
+    """Image and plate of a disc at rest that was there for a part of the exposure, and its alpha."""
+    from scipy.ndimage import gaussian_filter
+
+    rng, (w, h) = np.random.default_rng(3), size
+    texture = gaussian_filter(rng.normal(size=(h, w)), 1.2)
+    B = np.array([0.2, 0.3, 0.35]) * (1 + contrast * texture / texture.std())[..., None]
+    y, x = np.mgrid[:h, :w]
+    disc = np.clip(radius + 0.5 - np.hypot(x - 47.3, y - 39.6), 0, 1)
+    alpha = opacity * disc[..., None]
+    C = alpha * np.array([0.7, 0.3, 0.06]) + (1 - alpha) * B
+    seen = (x + rng.normal(size=x.shape) * np.sqrt(SENSOR.variance(x)) for x in (C, B))
+    return *(LinearImage(x, noise=SENSOR) for x in seen), alpha[..., 0]
+
+
+@pytest.mark.parametrize("opacity", [0.3, pytest.param(1.0, marks=pytest.mark.battery)])
+def test_alpha_of_a_flash_is_its_part_of_the_exposure(opacity):
+    image, plate, true = flash(opacity)
+    solution = solve(image, plate)
+    total, std = solution.stats["sum_alpha"], solution.stats["sum_alpha_std"]
+    std = np.hypot(std, total * solution.stats["alpha_scale_std"])
+    assert abs(total - true.sum()) < max(3 * std, 0.02 * total)
+    core = true > 0.99 * opacity
+    assert np.all(np.abs(solution.alpha - true)[core] < 3 * solution.alpha_std[core] + 0.01)
+    assert solution.grade is not Grade.ASSUMED
+
+
+@pytest.mark.battery
+def test_a_flash_before_a_plain_wall_is_assumed_unless_its_color_is_given():
+    image, plate, true = flash(0.4, contrast=0.0)
+    open_ = solve(image, plate)
+    assert open_.grade is Grade.ASSUMED
+    assert open_.stats["grade_reasons"][0] == "duration"
+    given = solve(image, plate, ColorModel.from_samples(np.array([[0.7, 0.3, 0.06]]), std=1e-3))
+    assert abs(given.stats["sum_alpha"] / true.sum() - 1) < 0.1

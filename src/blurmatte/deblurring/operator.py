@@ -77,16 +77,16 @@ def poses_of(
     spin: Spin | None = None,
     count: int | None = None,
 ) -> Poses:
-    """Poses at the middles of equal parts of the exposure from `start` to `end`; durations sum to 1.
+    """Poses at the middles of equal parts of the exposure from `start` to `end`.
 
-    Their number is that of `moment_count`, unless it is given. If `start` equals `end`, the pose at
-    that moment.
+    Durations sum to the opacity. Their number is that of `moment_count`, unless it is given. If
+    `start` equals `end`, the pose at that moment.
     """
     count = moment_count(sweep, end - start, spin=spin) if count is None else count
     t = start + (end - start) * (np.arange(count) + 0.5) / count
     xy = sweep.family.at(sweep.path, t)[0]
     maps = sweep.silhouette.map_at(sweep.shape, t)
-    return Poses(t, np.full(count, 1 / count), xy, maps, spin)
+    return Poses(t, np.full(count, sweep.silhouette.opacity / count), xy, maps, spin)
 
 
 def blur_operator(

@@ -150,7 +150,9 @@ class Sharp:
         return Layer(self._placed(alpha[..., 0], sweep), self._placed(light, sweep))
 
     def _poses(self, sweep: Sweep, start: float, end: float) -> Poses:
-        return poses_of(sweep, start, end, self.spin)
+        # An object that was there for a part of the exposure is opaque while it is there.
+        opaque = replace(sweep, silhouette=replace(sweep.silhouette, opacity=1.0))
+        return poses_of(opaque, start, end, self.spin)
 
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
         """Alpha (h, w, 1) in the sweep's box, and values of unknowns (n, c) times alpha (h, w, c)."""

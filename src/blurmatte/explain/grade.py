@@ -11,6 +11,7 @@ from blurmatte.matting.solution import Solution
 
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
+    "duration": "the part of the exposure during which it was there is uncertain",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain",
     "colors": "the colors of the object vary",

@@ -59,7 +59,8 @@ def _area(solution: Solution) -> Iterator[str]:
     total = solution.stats["sum_alpha"]
     std = solution.stats.get("sum_alpha_std", 0.0)
     said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
-    if total > 3 * std:
+    opacity = solution.stats.get("sweep", {}).get("opacity", 1.0)
+    if total > 3 * std and opacity == 1:
         radius = math.sqrt(total / math.pi)
         error = rounded_std(std / (2 * math.pi * radius))
         said += ": the area of the silhouette in pixels, whatever the motion; "

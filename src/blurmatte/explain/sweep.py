@@ -5,10 +5,11 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.explain.numbers import rounded_std
+from blurmatte.explain.numbers import rounded_std, with_error
 from blurmatte.matting.solution import Solution
 
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
+_MAX_KNOWN_STD = 0.1  # of a part of the exposure that is worth a number
 _PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
 _VERBS = {"turning": "turns", "changing": "changes"}  # of silhouettes, by their names
 
@@ -30,6 +31,7 @@ def sweep_in_words(solution: Solution) -> list[str]:
         sweep.get("softness", 0),
         sweep.get("shadow"),
     )
+    said += _presence(sweep)
     if softness >= _MIN_BLUR_PX:
         said.append(
             f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."
@@ -41,6 +43,22 @@ def sweep_in_words(solution: Solution) -> list[str]:
             f"Its shadow, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
         )
     return said
+
+
+def _presence(sweep: Mapping[str, Any]) -> list[str]:
+    """For how much of the exposure an object at rest was there, unless for all of it."""
+    opacity, std = sweep.get("opacity", 1.0), sweep.get("opacity_std", 0.0)
+    if opacity == 1:
+        return []
+    fraction = with_error(opacity, std)
+    if std > _MAX_KNOWN_STD:
+        return [
+            "It was at rest, and the plate shows no texture through it that tells for how much of the "
+            f"exposure it was there ({fraction}): give its color."
+        ]
+    return [
+        f"It was there for {fraction} of the exposure, or hides that part of the light behind it."
+    ]
 
 
 def _outweighed(sweep: Mapping[str, Any], weights: Sequence[float]) -> list[str]:

@@ -89,6 +89,8 @@ def sweep_to_json(sweep: Sweep) -> str:
         "soft": sweep.silhouette.soft,
         "changes": sweep.silhouette.changes,
         "camera_stretch": sweep.silhouette.camera_stretch,
+        "opacity": sweep.silhouette.opacity,
+        "opacity_std": sweep.opacity_std,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
@@ -165,12 +167,15 @@ class _SweepFields:
     soft: bool = False
     changes: bool = False
     camera_stretch: Annotated[Array, numbers(-1, 1, 2)] | None = None
+    opacity: Annotated[float, numbers(0, 1)] = 1.0
+    opacity_std: Annotated[float, numbers(0, 1)] = 0.0
 
 
 def _sweep(fields: _SweepFields) -> Sweep:
     family = path_family(fields.family)
     a, b = (0.0, 0.0) if fields.camera_stretch is None else fields.camera_stretch.tolist()
-    silhouette = Silhouette(fields.order, fields.turns, fields.soft, fields.changes, (a, b))
+    kinds = fields.turns, fields.soft, fields.changes
+    silhouette = Silhouette(fields.order, *kinds, (a, b), fields.opacity)
     counts = family.size, silhouette.size
     if (len(fields.path), len(fields.shape)) != counts or len(fields.covariance) != sum(counts):
         raise ValueError(f"path and shape must have {counts[0]} and {counts[1]} parameters")
@@ -185,4 +190,5 @@ def _sweep(fields: _SweepFields) -> Sweep:
         (width, height),
         fields.diagnostics,
         None if fields.cast is None else CastShadow(**vars(fields.cast)),
+        fields.opacity_std,
     )

@@ -149,6 +149,8 @@ class _Sweep:
     outlines: list[_Points]
     diagnostics: Diagnostics
     softness: _Known = 0.0
+    opacity: Annotated[float, numbers(0, 1)] = 1.0
+    opacity_std: _Known = 0.0
     shadow: _Shadow | None = None
 
 

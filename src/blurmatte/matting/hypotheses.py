@@ -12,6 +12,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import alternative, listed
 from blurmatte.matting.averaging import AlphaEstimate, averaged
 from blurmatte.matting.calibration import (
+    GRADE_LIMITS,
     HypothesisSummary,
     calibrated,
     claimed_error,
@@ -21,7 +22,7 @@ from blurmatte.matting.calibration import (
 )
 from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
 from blurmatte.matting.inpainting import inpaint_light
-from blurmatte.matting.maps import PixelMaps, Quality, has_flag
+from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.summary import streak_summary, sweep_summary
@@ -81,7 +82,7 @@ class _Hypotheses:
         shapeless = [] if case.solver is not None else _without_shape(case)
         evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
         box = case.box_with(sweeps)
-        estimates = [AlphaEstimate(*sweep.within(box), sweep.area_std()) for sweep in sweeps]
+        estimates = [_estimate(replace(sweep, opacity_std=0.0), box) for sweep in sweeps]
         estimates += [one.within(box) for one in shapeless]
         return cls(sweeps, shapeless, evidence, hypothesis_weights(evidence), box, estimates)
 
@@ -114,6 +115,13 @@ class _Hypotheses:
         return price, no_shape
 
     @property
+    def opacity_error(self) -> float:
+        """Relative standard deviation of the opacity of the sweeps, which calibrations do not know."""
+        relative = [sweep.opacity_std / sweep.silhouette.opacity for sweep in self.sweeps]
+        weights = self.weights[: len(relative)]
+        return float(np.sqrt(weights @ np.square(relative) / max(float(weights.sum()), 1e-12)))
+
+    @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
@@ -136,6 +144,13 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     meta = case.image.meta
     claim, compressed = claimed_error(average), meta.sharing is not None or meta.subsampled
     average = calibrated(average, found.estimates, terms, compressed)
+    error, by_opacity = claimed_error(average), found.opacity_error
+    average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
+    grade, because = graded(average), reasons(terms, claim, found.weights, compressed)
+    if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
+        because = ["duration", *because]
+    # The maps have no other place for an error that may be larger than all others.
+    average = replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity * average.alpha))
     maps = case.closed_form(box, out)
     C, B, mixed = case.within(box)
     solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
@@ -155,10 +170,16 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
         "alternatives": _alternatives(found, average, (C, B)),
         "claimed_error": claim,
         "error_terms": asdict(terms),
-        "grade_reasons": reasons(terms, claim, found.weights, compressed),
-        **graded(average),
+        "error_factor": max(error / claim, 1.0),
+        "grade_reasons": because,
+        **grade,
     }
     return replace(case, model=model, solver=solver), maps, numbers
+
+
+def _estimate(sweep: Sweep, box: Box) -> AlphaEstimate:
+    """Alpha of a sweep in a box."""
+    return AlphaEstimate(*sweep.within(box), sweep.area_std())
 
 
 def _alternatives(

@@ -188,6 +188,7 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         if only_lost:
             reasons = ["shadow", *numbers["grade_reasons"]]
             numbers |= {"grade": Grade.ASSUMED, "grade_reasons": reasons}
+    error_factor = numbers.pop("error_factor", 1.0)
     streak, image, plate, shadow_std = case.streak, case.image, case.plate, 0.0
     if not isinstance(case.solver, Shaded):
         without_sweep = not isinstance(case.solver, Swept)
@@ -212,9 +213,8 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     stats["sum_alpha_std"] = float(np.linalg.norm(parts))
     _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
-    if sweep is not None and "alpha_error" in numbers:
-        factor = max(numbers["alpha_error"] / numbers["claimed_error"], 1.0)
-        sweep = replace(sweep, covariance=factor**2 * sweep.covariance)
+    if sweep is not None:
+        sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance)
     return Solution(*maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=sweep)
 
 

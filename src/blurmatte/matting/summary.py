@@ -47,6 +47,8 @@ def sweep_summary(sweep: Sweep) -> dict[str, Any]:
             "radius": sweep.radius,
             "radius_std": sweep.radius_std,
             "softness": sweep.softness,
+            "opacity": sweep.silhouette.opacity,
+            "opacity_std": sweep.opacity_std,
             "outlines": tuple(
                 tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
             ),

@@ -24,6 +24,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
+from blurmatte.sweep.assess.opacity import fit_opacity, is_at_rest
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.codec_loss import before_loss
 from blurmatte.sweep.fit.jpeg_correction import candidate_before_file
@@ -50,6 +51,7 @@ from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
@@ -274,7 +276,8 @@ def _fit_before(
     start: Sweep | None = None,
 ) -> Hypotheses:
     """All hypotheses before one plate."""
-    search, one_paint, varied = _discs(search_in(streak, image, plate), start)
+    search, *found = _discs(search_in(streak, image, plate), start)
+    one_paint, varied = ([_seen_through(disc, search.bounds) for disc in discs] for discs in found)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     if not _is_explained_by(one_paint[0]) and _is_known_disc(search.observation):
         shaded = _with_shadow(search, one_paint[0], image, plate, streak)
@@ -284,7 +287,7 @@ def _fit_before(
         candidates += [Candidate(state) for state in grown if state.silhouette.changes]
         if not _is_explained_by(grown[0]):
             candidates += _other_shapes(search, one_paint[0], image, plate, streak)
-    observation = search.observation
+    observation, candidates = search.observation, [_with_opacity(c) for c in candidates]
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
     compared = []
@@ -297,6 +300,33 @@ def _fit_before(
     kept = _distinct([compared[i] for i in order])
     sweeps, evidences = zip(*kept, strict=True)
     return Hypotheses(observation, sweeps, evidences, plate, streak)
+
+
+def _seen_through(disc: State, bounds: tuple[float, float]) -> State:
+    """A disc at rest fitted with its opacity, so that other shapes need not explain the plate in it."""
+    thin = _with_opacity(Candidate(disc)).state
+    if thin is disc:
+        return disc
+    return minimize(
+        with_principal_axes(thin), bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE
+    )
+
+
+def _with_opacity(candidate: Candidate) -> Candidate:
+    """The candidate with its opacity if it is at rest, else opaque; path and shape are the same.
+
+    Where other frames know the object, it was there all the time.
+    """
+    state, opaque = candidate.state, replace(candidate.state.silhouette, opacity=1.0)
+    if state.observation.prior is None and is_at_rest(state):
+        opacity = fit_opacity(state)
+        if opacity.value + opacity.std < OPAQUE or opacity.std > 1 - OPAQUE:
+            thin = replace(opaque, opacity=opacity.value)
+            state = replace(state.of_kind(thin), converged=state.converged)
+            return replace(candidate, state=state, opacity_std=opacity.std)
+    if state.silhouette == opaque:
+        return candidate
+    return replace(candidate, state=replace(state.of_kind(opaque), converged=state.converged))
 
 
 def _is_explained(observation: Observation, inflation: float, excess: float) -> bool:
@@ -409,7 +439,8 @@ def _refined(
     reached the maximum of its likelihood: colors and evidence are then those of the fit to hue.
     """
     transfer = image.meta.transfer or SRGB
-    candidate = candidate_before_file(candidate.state, transfer, candidate.cast)
+    corrected = candidate_before_file(candidate.state, transfer, candidate.cast)
+    candidate = replace(corrected, opacity_std=candidate.opacity_std)
     sweep = sweep_of(candidate, image)
     if candidate.cast is not None:
         return sweep, evidence

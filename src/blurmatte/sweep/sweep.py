@@ -104,6 +104,8 @@ class Sweep:
         Evidence for and against it.
     cast : CastShadow, optional
         The shadow that it cast on the plate, if one was fitted.
+    opacity_std : float
+        Standard deviation of the opacity of the silhouette.
     """
 
     family: PathFamily
@@ -115,6 +117,7 @@ class Sweep:
     size: tuple[int, int]
     diagnostics: Diagnostics = field(default_factory=Diagnostics)
     cast: CastShadow | None = None
+    opacity_std: float = 0.0
 
     def __repr__(self) -> str:
         return (
@@ -256,6 +259,8 @@ class Sweep:
         swept = self._swept(box, self.shape)
         J = swept.by_parameters
         variance = np.einsum("hwi,hwi->hw", J @ self.covariance, J)
+        if self.opacity_std > 0:
+            variance += (self.opacity_std / self.silhouette.opacity * swept.alpha) ** 2
         left_out = self.silhouette.left_out(self.shape)
         if left_out > 0:
             wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
@@ -316,8 +321,10 @@ class Sweep:
 
     def area_std(self) -> float:
         """Standard deviation of the sum of alpha within the picture, pixels."""
-        total = self._swept(self.box, self.shape).by_parameters.sum(axis=(0, 1))
-        return float(np.sqrt(total @ self.covariance @ total))
+        swept = self._swept(self.box, self.shape)
+        total = swept.by_parameters.sum(axis=(0, 1))
+        by_opacity = self.opacity_std / self.silhouette.opacity * float(swept.alpha.sum())
+        return float(np.sqrt(total @ self.covariance @ total + by_opacity**2))
 
     def _swept(self, box: tuple[int, int, int, int], shape: Array) -> Swept:
         return self.silhouette.sweep(self.family, self.path, shape, Pixels.of_box(box))

@@ -403,3 +403,18 @@ def test_stretch_of_the_camera_is_that_of_an_ellipse(soft):
     rest = part.sweep(ARC, ROUND, np.array([6, 0.2, -0.1, *blur]), canvas())
     assert_allclose(rest.alpha, ellipse.alpha, atol=1e-12)
     assert disc.area(np.array([6, *blur])) == pytest.approx(np.pi * 36)
+
+
+def test_opacity_is_a_factor_of_alpha_but_not_of_coverage():
+    """Exact."""
+    opaque, thin = Silhouette(1), Silhouette(1, opacity=0.3)
+    full, part = (one.sweep(ARC, ROUND, np.array([6.0]), canvas()) for one in (opaque, thin))
+    assert_allclose(part.alpha, 0.3 * full.alpha, atol=1e-15)
+    assert_allclose(part.by_parameters, 0.3 * full.by_parameters, atol=1e-15)
+    assert_allclose(*(one.coverage(np.array([6.0]), canvas()) for one in (opaque, thin)))
+
+
+@pytest.mark.parametrize("opacity", [0.0, -0.1, 1.1, np.nan])
+def test_impossible_opacity_is_refused(opacity):
+    with pytest.raises(ValueError, match="opacity must be above 0 and at most 1, got"):
+        Silhouette(1, opacity=opacity)

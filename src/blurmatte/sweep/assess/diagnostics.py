@@ -39,11 +39,12 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     covariance, shape = covariance[:n, :n], state.shape[: silhouette.size]
     total = state.swept.by_parameters[..., :n].sum(axis=(0, 1))
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
+    area_error = np.hypot(area_error, candidate.opacity_std / silhouette.opacity)
     model = _color_model(state, inflation, float(area_error))
     model = replace(model, to_srgb=image.meta.to_srgb)
     sweep = Sweep(
         state.family, state.path, silhouette, shape, model, covariance, image.size,
-        cast=candidate.cast,
+        cast=candidate.cast, opacity_std=candidate.opacity_std,
     )  # fmt: skip
     angle = model.angle_std if model.rank < 3 else 0.0
     diagnostics = diagnosed(candidate, sweep.radius, sweep.radius_std, angle)

@@ -14,6 +14,7 @@ class Candidate:
     cast: CastShadow | None = None  # the shadow in which the state's plate lies
     # Pixels by which the file blurred colors, a standard deviation; 0 if it did not
     chroma_blur: float = 0.0
+    opacity_std: float = 0.0  # standard deviation of the silhouette's opacity
 
     @property
     def parameters(self) -> int:

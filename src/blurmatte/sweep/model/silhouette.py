@@ -77,7 +77,12 @@ class Silhouette:
     of the shape's own stretch S: the image is r exp(S + S₀), S₀ = [[a, b], [b, −a]] with a and b of
     `camera_stretch`.
 
-    Raises ValueError if `order` is less than 1, or a disc turns, which is not observable.
+    Its opacity is the fraction of the light behind it that it hides where it covers a pixel during all
+    of the exposure. An opaque object at rest that was there for a part of the exposure has this part as
+    its opacity.
+
+    Raises ValueError if `order` is less than 1, if a disc turns, which is not observable, or if the
+    opacity is not above 0 and at most 1.
     """
 
     order: int = 1  # of the Fourier series of the outline: 1 is a disc, 2 an ellipse
@@ -86,12 +91,15 @@ class Silhouette:
     # Its size, and unless it is a disc its proportions, change at constant rates
     changes: bool = False
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # logarithms, as an ellipse's
+    opacity: float = 1.0  # above 0, at most 1
 
     def __post_init__(self) -> None:
         if self.order < 1:
             raise ValueError(f"order must be 1 or more, got {self.order}")
         if self.turns and self.order < 2:
             raise ValueError("a silhouette that turns must be of order 2 or more, got a disc")
+        if not 0 < self.opacity <= 1:
+            raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
 
     @property
     def name(self) -> str:
@@ -172,6 +180,8 @@ class Silhouette:
             kernel.sweep(motion, *maps, self.changes, rim, outline, soft, alpha, J)
         if self.soft:
             J[..., -1] /= scale
+        if self.opacity < 1:
+            alpha, J = self.opacity * alpha, self.opacity * J
         return Swept(alpha, J)
 
     def rim(self, shape: Array, scale: float = 1.0) -> tuple[Array, float, float, float, Array]:
@@ -191,7 +201,7 @@ class Silhouette:
 
     def coverage(self, shape: Array, pixels: Pixels) -> Array:
         """(h, w) coverage in the middle of the exposure, with the center at (0, 0)."""
-        still = replace(self, turns=False, changes=False)
+        still = replace(self, turns=False, changes=False, opacity=1.0)
         return still.sweep(LINE, np.zeros(4), still.like(self, shape), pixels).alpha
 
     def map_at(self, shape: Array, t: Array) -> Array:

@@ -1,0 +1,87 @@
+"""The opacity of an object at rest, from the plate's texture that is seen through it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color.model import ColorModel
+from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.streaks import Streak
+from blurmatte.sweep.assess.opacity import fit_opacity, is_at_rest
+from blurmatte.sweep.fit.multistart import start_along
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.silhouette import DISC
+
+SIZE, CENTER, RADIUS = (96, 80), (47.0, 39.0), 15.0
+COLOR, WALL = np.array([0.7, 0.3, 0.06]), np.array([0.25, 0.3, 0.28])
+PATH = np.array([*CENTER, *CENTER])
+
+
+def state(opacity, contrast, std, seed=0, model=None):
+    """A disc at rest with the true shape, before a wall of one hue with texture, and noise."""
+    from scipy.ndimage import gaussian_filter
+
+    rng = np.random.default_rng(seed)
+    (w, h), noise = SIZE, NoiseModel(gain=0, read_std=std)
+    texture = gaussian_filter(rng.normal(size=(h, w)), 1)
+    B = WALL * (1 + contrast * texture / texture.std())[..., None]
+    disc = DISC.sweep(LINE, PATH, np.array([RADIUS]), Pixels((h, w), (0, 0))).alpha
+    alpha = (opacity * disc)[..., None]
+    C = alpha * COLOR + (1 - alpha) * B
+    image, plate = (LinearImage(x + std * rng.normal(size=x.shape), noise=noise) for x in (C, B))
+    color = ColorPrior.of(model)
+    around = observation_around(Streak(disc > 0), 30, image, plate, color)
+    return start_along(replace(around, grain=RADIUS / 4), LINE, PATH, RADIUS)
+
+
+@pytest.mark.parametrize("opacity", [0.1, 0.5, 1.0])
+def test_without_noise_texture_gives_the_opacity(opacity):
+    found = fit_opacity(state(opacity, 0.1, 1e-6))
+    assert_allclose(found.value, opacity, atol=1e-4)
+    assert found.std < 1e-3
+
+
+@pytest.mark.parametrize(("opacity", "contrast"), [(0.2, 0.1), (0.7, 0.06)])
+def test_errors_are_honest(opacity, contrast):
+    found = [fit_opacity(state(opacity, contrast, 0.006, seed)) for seed in range(40)]
+    z = np.array([(one.value - opacity) / one.std for one in found])
+    assert abs(z.mean()) < 0.5
+    assert 0.7 < z.std() < 1.4
+    assert np.median([one.std for one in found]) < 0.1
+
+
+@pytest.mark.parametrize("opacity", [0.3, 1.0])
+def test_a_plate_without_texture_leaves_the_opacity_open(opacity):
+    found = fit_opacity(state(opacity, 0.0, 0.006))
+    assert found.std > 0.1
+    assert abs(found.value - opacity) < 3 * found.std
+
+
+def test_an_opaque_disc_before_texture_is_opaque():
+    found = fit_opacity(state(1.0, 0.1, 0.006))
+    assert found.value > 0.995
+    assert found.std < 0.01
+
+
+def test_a_given_color_gives_the_opacity_without_texture():
+    model = ColorModel.from_samples(np.array([COLOR]), std=1e-3)
+    found = fit_opacity(state(0.4, 0.0, 0.006, model=model))
+    assert found.std < 0.02
+    assert abs(found.value - 0.4) < 3 * found.std
+
+
+def test_light_above_white_is_no_explanation():
+    bright = fit_opacity(state(1.0, 0.0, 0.006))
+    assert bright.value - 2 * bright.std > 0.4  # the color would be above white below 0.5
+
+
+def test_a_path_shorter_than_the_radius_is_at_rest():
+    still = state(0.5, 0.1, 0.006)
+    assert is_at_rest(still)
+    assert is_at_rest(still.moved(PATH + np.array([0, 0, 0.9 * RADIUS, 0]), still.shape))
+    assert not is_at_rest(still.moved(PATH + np.array([0, 0, 1.1 * RADIUS, 0]), still.shape))
