@@ -1,125 +1,72 @@
-"""The part of YAML in which programs write calibrations: mappings, lists and scalars.
+"""YAML in which programs write calibrations: mappings, lists and scalars, read by PyYAML.
 
-Mappings and lists nest by indentation, and lists also in brackets, which may span lines. Tags such as
-`!!opencv-matrix` are skipped. Anchors, mappings in braces and texts of several lines are refused.
+Tags such as `!!opencv-matrix` are skipped. Aliases are refused, since a short text could stand for a
+huge one.
 """
 
 import re
-from contextlib import suppress
 from typing import Any
 
-MAX_DEPTH = 16  # of nested mappings and lists; calibrations have 4
+import yaml
 
-_KEY = re.compile(r"""(?:"([^"]*)"|'([^']*)'|([^\s\[\]{},"'#&*!|>%@`-][^:#]*?))\s*:(?:\s+|$)""")
-_TAG = re.compile(r"!\S*\s*")
-_WORDS = {"true": True, "false": False, "null": None, "~": None, "": None}
-
-_Line = tuple[int, str]  # spaces before a line, and its text
+# The directive of OpenCV, which no version of YAML has.
+_OPENCV_DIRECTIVE = re.compile(r"\A%YAML:1\.0\s*")
+# PyYAML reads 1e-5 as a text: YAML 1.1 asks for a point.
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
+_FLOAT = "tag:yaml.org,2002:float"
 
 
 def parse_yaml(text: str) -> Any:
     """Mappings, lists, numbers, texts, true, false and null; ValueError for anything else."""
-    lines = _lines(text)
-    if not lines:
-        return None
-    value, end = _block(lines, 0, 0)
-    if end < len(lines):
-        raise ValueError(f"the line {lines[end][1][:40]!r} is indented in an unexpected way")
-    return value
+    try:
+        documents = list(yaml.load_all(_OPENCV_DIRECTIVE.sub("", text), _Loader))
+    except yaml.MarkedYAMLError as error:
+        line = "" if error.problem_mark is None else f" in line {error.problem_mark.line + 1}"
+        raise ValueError(f"{error.problem or error.context}{line}") from error
+    except yaml.YAMLError as error:
+        raise ValueError(str(error).splitlines()[0]) from error
+    except RecursionError as error:
+        raise ValueError("it is nested too deep") from error
+    found = [one for one in documents if one is not None]  # messages of ROS end with a separator
+    if len(found) > 1:
+        raise ValueError(f"leave one of its {len(found)} documents")
+    return found[0] if found else None
 
 
-def _lines(text: str) -> list[_Line]:
-    """Lines with content, without comments; those of a list in brackets are joined."""
-    found: list[_Line] = []
-    for number, raw in enumerate(text.expandtabs(1).splitlines()):
-        line = re.sub(r"(^|\s)#.*", "", raw).rstrip()
-        if not line or line in ("---", "...") or (number == 0 and line.startswith("%YAML")):
-            continue
-        if found and found[-1][1].count("[") > found[-1][1].count("]"):
-            found[-1] = found[-1][0], f"{found[-1][1]} {line.strip()}"
-        else:
-            found.append((len(line) - len(line.lstrip()), line.strip()))
+class _Loader(yaml.SafeLoader):
+    """Without aliases, repeated keys and types of tags; with numbers as all programs write them."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            mark = self.get_event().start_mark  # type: ignore[no-untyped-call]
+            raise yaml.MarkedYAMLError(problem="aliases are not supported", problem_mark=mark)
+        return super().compose_node(parent, index)
+
+
+def _mapping(loader: _Loader, node: yaml.MappingNode) -> dict[str, Any]:
+    """The pairs of a mapping; keys are texts."""
+    found: dict[str, Any] = {}
+    for key_node, value_node in node.value:
+        key = str(loader.construct_object(key_node, deep=True))
+        if key in found:
+            raise yaml.MarkedYAMLError(
+                problem=f"it has the key {key} twice", problem_mark=key_node.start_mark
+            )
+        found[key] = loader.construct_object(value_node, deep=True)
     return found
 
 
-def _block(lines: list[_Line], at: int, depth: int) -> tuple[Any, int]:
-    """The mapping, list or scalar that begins with a line, and the number of the line behind it."""
-    if depth > MAX_DEPTH:
-        raise ValueError(f"it is nested more than {MAX_DEPTH} deep")
-    margin, text = lines[at]
-    if text == "-" or text.startswith("- "):
-        return _list(lines, at, margin, depth)
-    if _KEY.match(text) is None:
-        return _scalar(text), at + 1
-    found: dict[str, Any] = {}
-    while at < len(lines) and lines[at][0] == margin:
-        match = _KEY.match(lines[at][1])
-        if match is None:
-            break
-        key = next(group for group in match.groups() if group is not None)
-        if key in found:
-            raise ValueError(f"it has the key {key} twice")
-        rest = _TAG.sub("", lines[at][1][match.end() :], count=1).strip()
-        at += 1
-        nested = at < len(lines) and (
-            lines[at][0] > margin or (lines[at][0] == margin and lines[at][1].startswith("- "))
-        )
-        if rest or not nested:
-            found[key] = _scalar(rest)
-        else:
-            found[key], at = _block(lines, at, depth + 1)
-    return found, at
+def _plain(loader: _Loader, node: yaml.Node) -> Any:
+    """The value of a node, whatever its tag."""
+    if isinstance(node, yaml.MappingNode):
+        return _mapping(loader, node)
+    if isinstance(node, yaml.SequenceNode):
+        return loader.construct_sequence(node, deep=True)
+    return loader.construct_scalar(node)  # type: ignore[arg-type]
 
 
-def _list(lines: list[_Line], at: int, margin: int, depth: int) -> tuple[list[Any], int]:
-    found = []
-    while at < len(lines) and lines[at][0] == margin and lines[at][1].startswith("-"):
-        text = lines[at][1][1:]
-        inner = [(margin + 1 + len(text) - len(text.lstrip()), text.strip())]
-        at += 1
-        while at < len(lines) and lines[at][0] > margin:
-            inner.append(lines[at])
-            at += 1
-        value, end = _block(inner, 0, depth + 1)
-        if end < len(inner):
-            raise ValueError(f"the line {inner[end][1][:40]!r} is indented in an unexpected way")
-        found.append(value)
-    return found, at
-
-
-def _scalar(text: str) -> Any:
-    """A list in brackets, a number, a word or a text."""
-    if text.startswith("["):
-        value, rest = _bracketed(text, 0)
-        if rest:
-            raise ValueError(f"{text[-40:]!r} does not end with its bracket")
-        return value
-    if text[:1] in ("{", "&", "*", "|", ">", "!", "%", "@", "`"):
-        raise ValueError(f"{text[:40]!r} is a kind of YAML that is not supported")
-    if len(text) > 1 and text[0] == text[-1] and text[0] in "\"'":
-        return text[1:-1]
-    if text.lower() in _WORDS:
-        return _WORDS[text.lower()]
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text.removeprefix("+").replace(".inf", "inf").replace(".nan", "nan"))
-    return text
-
-
-def _bracketed(text: str, depth: int) -> tuple[list[Any], str]:
-    """The list that a text begins with, and the text behind it."""
-    if depth > MAX_DEPTH:
-        raise ValueError(f"it is nested more than {MAX_DEPTH} deep")
-    found: list[Any] = []
-    rest = text[1:].lstrip()
-    while rest and not rest.startswith("]"):
-        if rest.startswith("["):
-            value, rest = _bracketed(rest, depth + 1)
-        else:
-            part = re.split(r"[,\]]", rest, maxsplit=1)[0]
-            value, rest = _scalar(part.strip()), rest[len(part) :]
-        found.append(value)
-        rest = rest.lstrip().removeprefix(",").lstrip()
-    if not rest:
-        raise ValueError(f"{text[:40]!r} has no closing bracket")
-    return found, rest[1:].strip()
+_Loader.add_constructor("tag:yaml.org,2002:map", _mapping)
+for _type in ("binary", "omap", "pairs", "set", "timestamp"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_type}", _plain)
+_Loader.add_multi_constructor("", lambda loader, _, node: _plain(loader, node))
+_Loader.add_implicit_resolver(_FLOAT, _NUMBER, list("-+0123456789."))
