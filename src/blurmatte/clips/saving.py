@@ -127,7 +127,7 @@ class ClipReport:
     Parameters
     ----------
     records : tuple of FrameRecord
-        Of all frames with an object, in order.
+        Of all frames in which something moved, in order; those without a layer have a reason.
     shots : tuple of Shot
         In numbers of frames, as in the records.
     problems : tuple of str
@@ -222,10 +222,8 @@ def save_clip(
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
         files = _written(run, folder, work, shots)
-        seconds = time.monotonic() - begun
-        report = ClipReport(
-            tuple(work.records), tuple(shots), tuple(work.problems), files, seconds, work.new
-        )
+        done = tuple(work.records), tuple(shots), tuple(work.problems)
+        report = ClipReport(*done, files, time.monotonic() - begun, work.new)
         write(folder / "report.json", _numbers(run, report))
         yield report
 

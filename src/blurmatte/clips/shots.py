@@ -130,7 +130,5 @@ def prepared(
         yield one
     rows = link(seen)
     solver = FrameSolver.of(part, scene, model)
-    wanted = wanted_frames(part, rows, solver, numbers, workers)
-    if given.model is None:
-        wanted = sorted([*wanted, *frames_alone(rows, numbers)], key=lambda one: one.index)
+    wanted = wanted_frames(part, rows, solver, numbers, workers, given.model is None)
     yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))

@@ -56,10 +56,9 @@ def write_changed(
     .exr          The light of the whole picture, as written by `write`.
     ============  ============================================================================
 
-    Thumbnails in EXIF, XMP and Photoshop's resources, further pictures (HDR gain map, clip of a motion
-    photo), pages and channels, and Photoshop's layers are removed, as they would show the old picture;
-    previews in maker notes are kept. A progressive JPEG becomes sequential. Light that the file
-    cannot hold is clipped.
+    Thumbnails, further pictures (HDR gain map, clip of a motion photo), pages and channels, and
+    Photoshop's layers are removed, as they would show the old picture; previews in maker notes are
+    kept. A progressive JPEG becomes sequential. Light that the file cannot hold is clipped.
 
     Parameters
     ----------
@@ -96,22 +95,20 @@ def write_changed(
         write(target, _light(raster, picture, changed, transfer))
     else:
         _check_holds(raster, extension_of(target))
-        others = _further_pictures(source)  # before the file is replaced, if it is the target
+        if format_of(source) is JPEG:
+            _warn_of_further_pictures(target, source)
         _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
-        if others:
-            warnings.warn(
-                f"{target}: without the {' and the '.join(others)} of {source.name}, which would show "
-                "the old picture",
-                BlurmatteWarning,
-                stacklevel=2,
-            )
 
 
-def _further_pictures(source: Path) -> list[str]:
-    """What a JPEG has besides its picture, in words."""
-    if format_of(source) != JPEG:
-        return []
-    return further_pictures(metadata_segments(source.read_bytes()))
+def _warn_of_further_pictures(target: Path, source: Path) -> None:
+    """Warn of what a JPEG has besides its picture."""
+    if others := further_pictures(metadata_segments(source.read_bytes())):
+        warnings.warn(
+            f"{target}: without the {' and the '.join(others)} of {source.name}, which would show "
+            "the old picture",
+            BlurmatteWarning,
+            stacklevel=3,
+        )
 
 
 def _check_formats(target: Path, source: Path) -> None:

@@ -298,9 +298,7 @@ def solve_clip(
         seen = sightings_in_scene(frames, scene, known, processes, several=several, numbers=numbers)
         rows = link_objects(seen) if several else link_sightings(seen)
         solver = FrameSolver.of(frames, scene, known)
-        found = wanted_frames(frames, rows, solver, numbers, processes)
-        if model is None:
-            found = sorted([*found, *frames_alone(rows, numbers)], key=lambda one: one.index)
+        found = wanted_frames(frames, rows, solver, numbers, processes, model is None)
         solutions = successes(processes.over(frames, solver, parts_to_solve(found)))
         for one, solution in zip(found, solutions, strict=True):
             if isinstance(solution, Solution):
@@ -347,6 +345,7 @@ def wanted_frames(
     solver: FrameSolver,
     numbers: Sequence[int],
     workers: Workers,
+    color_found: bool,
 ) -> list[Wanted]:
     """The frames to solve, with what the others say of them.
 
@@ -367,6 +366,8 @@ def wanted_frames(
     numbers : sequence of int
         Of all frames of the clip, as in the table.
     workers : Workers
+    color_found : bool
+        The color was found and not given: frames without the object may be solved alone.
     """
     wanted, index_of = [], {number: index for index, number in enumerate(numbers)}
     for number in sorted({row.object or 1 for row in rows if row.sighting is not None}):
@@ -383,6 +384,7 @@ def wanted_frames(
         is_disc, has_shape = _decided(frames, known, mistake, solver, workers)
         found = [one.shaped(is_disc) for one in found] if has_shape else found
         wanted += found
+    wanted += frames_alone(rows, numbers) if color_found else []
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
 
 
