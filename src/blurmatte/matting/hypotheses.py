@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from blurmatte.checks import Box
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.alternatives import alternative, listed
-from blurmatte.matting.averaging import AlphaEstimate, averaged
+from blurmatte.matting.alternatives import Alternative, alternative, listed
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged
 from blurmatte.matting.calibration import (
     HypothesisSummary,
     calibrated,
@@ -19,6 +19,7 @@ from blurmatte.matting.calibration import (
     graded,
 )
 from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
+from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
@@ -35,6 +36,8 @@ from blurmatte.sweep.assess.model_selection import (
 from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
+
+ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,48 +131,109 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     Returns a case with solver and colors of the likeliest hypothesis, maps, and numbers for
     `Solution.stats`.
     """
-    found = _Hypotheses.of(case)
-    box, best = found.box, found.best
+    fitted = case if case.fitted is None else case.fitted.case
+    found = _Hypotheses.of(fitted)
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     terms = error_terms(average, found.estimates, found.summaries, diagnostics)
     claim, compressed = claimed_error(average), case.image.meta.sharing is not None
     average = calibrated(average, found.estimates, terms, compressed)
-    maps = case.closed_form(box, out)
-    C, B, mixed = case.within(box)
-    solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
-    model = best.model
-    if isinstance(best, Sweep):
-        model = case.model if case.is_exact else model
-        Swept()(maps, best, average, C, mixed.with_edge_variance(B), box)
-    else:
-        _write(maps, best, average, C, B, box)
-    inpaint_light(maps.within(box), C, B)
+    pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
+    alternatives, graded_as = _alternatives(found, average, pictures), graded(average)
+    if case.fitted is not None:
+        size = case.fitted.size
+        alternatives = [_in_pixels(one, size) for one in alternatives]
+        found, average = _enlarged(found, average, case, size)
+    model, solver, maps = _written(found, average, case, out)
     numbers = {
         **sweep_summary(found.sweeps[0]),
         "sum_alpha_std": average.sum_std,
         "alpha_scale_std": average.scale_std,
         "weights": found.weights.tolist(),
         "shape_log_odds": found.shape_log_odds(),
-        "alternatives": _alternatives(found, average, (C, B)),
+        "alternatives": tuple(map(asdict, alternatives)),
         "claimed_error": claim,
         "error_terms": asdict(terms),
         "grade_reasons": fitted_calibration().reasons(terms),
-        **graded(average),
+        **graded_as,
     }
     return replace(case, model=model, solver=solver), maps, numbers
 
 
+def _written(
+    found: _Hypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
+) -> tuple[ColorModel, Solver, PixelMaps]:
+    """Colors and solver of the likeliest hypothesis, and maps with the average and its light."""
+    box, best = found.box, found.best
+    maps = case.closed_form(box, out)
+    C, B, mixed = case.within(box)
+    model, solver = best.model, Smooth()
+    if isinstance(best, Sweep):
+        model, solver = case.model if case.is_exact else model, Swept()
+        solver(maps, best, average, C, mixed.with_edge_variance(B), box)
+    else:
+        _write(maps, best, average, C, B, box)
+    inpaint_light(maps.within(box), C, B)
+    return model, solver, maps
+
+
+def _enlarged(
+    found: _Hypotheses, average: AlphaEstimate, case: Case, size: FittingSize
+) -> tuple[_Hypotheses, AlphaEstimate]:
+    """Hypotheses and their average at full size.
+
+    To alpha of the average, interpolated, every shape adds the difference of its alpha at full size
+    from its own interpolated alpha. Alpha without a shape has no detail finer than a cell: the
+    difference of interpolated and constant cells is an error.
+    """
+    assert case.hypotheses is not None
+    sweeps, small = list(case.hypotheses.sweeps), found.box
+    box = size.enlarged_box(small)
+    weights = np.where(found.weights < MIN_WEIGHT, 0, found.weights)
+    weights = weights / weights.sum()
+    shapes = list(zip(sweeps, weights, strict=False))
+    known = np.isfinite(average.alpha_std)
+    rest = np.where(known, average.alpha, 0)
+    for weight, estimate in zip(weights[: len(sweeps)], found.estimates, strict=False):
+        rest = rest - weight * np.where(known, estimate.alpha, 0)
+    alpha = size.interpolated(rest, small)
+    std = size.interpolated(np.where(known, average.alpha_std, 0), small)
+    if len(weights) > len(sweeps) and weights[len(sweeps) :].any():
+        std = np.hypot(std, alpha - size.repeated(rest, small))
+    for sweep, weight in shapes:
+        alpha = alpha + (weight * sweep.alpha_within(box) if weight else 0)
+    alpha[np.abs(alpha) < ROUNDING_OF_ALPHA] = 0
+    std[~size.repeated(known, small)] = np.inf
+    around, box = box, case.box_with(sweeps)
+    place = rows_columns(box, around)
+    sum_std = size.cell**2 * average.sum_std
+    total = AlphaEstimate(alpha[place], std[place], sum_std, average.scale_std)
+    shapeless = [
+        replace(
+            one,
+            box=size.enlarged_box(one.box),
+            maps=PixelMaps._make(size.repeated(values, one.box) for values in one.maps),
+        )
+        for one in found.shapeless
+    ]
+    return replace(found, sweeps=sweeps, shapeless=shapeless, box=box), total
+
+
+def _in_pixels(one: Alternative, size: FittingSize) -> Alternative:
+    """An alternative whose radius was in cells."""
+    return one if one.radius is None else replace(one, radius=size.cell * one.radius)
+
+
 def _alternatives(
     found: _Hypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
-) -> tuple[dict[str, Any], ...]:
-    """The listed hypotheses as plain numbers."""
+) -> list[Alternative]:
+    """The listed hypotheses."""
     kinds = [one if isinstance(one, Sweep) else one.model for one in found.all]
     alternatives = [
         alternative(kind, weight, estimate, average, pictures, found.box)
         for kind, weight, estimate in zip(kinds, found.weights, found.estimates, strict=True)
     ]
-    return tuple(map(asdict, listed(alternatives, hypothesis_scores(found.evidence))))
+    return listed(alternatives, hypothesis_scores(found.evidence))
 
 
 def _without_shape(case: Case) -> list[_Shapeless]:
