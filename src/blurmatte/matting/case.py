@@ -77,6 +77,12 @@ class Case:
         """Where image and that plate differ."""
         return self.found if self.hypotheses is None else self.hypotheses.streak
 
+    @property
+    def compared(self) -> tuple[LinearImage, LinearImage, Streak]:
+        """Image, matched plate, and where they differ, of the size that was fitted."""
+        one = self if self.fitted is None else self.fitted.case
+        return one.pictures.image, one.pictures.plate, one.found
+
     @cached_property
     def grown_streak(self) -> Streak:
         """The streak with its faint rims if it was detected; a given streak as it is."""

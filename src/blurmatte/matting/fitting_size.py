@@ -10,8 +10,10 @@ picture.
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Array, Bools, Box, Floats
@@ -21,6 +23,8 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit.multistart import half_width_of
 from blurmatte.sweep.model.lighting import Lighting
+
+S = TypeVar("S", bound=np.generic)
 
 MAX_FITTED_WIDTH_PX = 100.0  # width of a streak in the pixels on which it is fitted
 _MARGIN_HALF_WIDTHS = 3.0  # of the picture around the streak: more than a search uses
@@ -71,12 +75,12 @@ class FittingSize:
         Codecs correlate the noise of pixels. So if the pixels' noise was measured from the difference
         of these pictures, that of the means is measured again, where nothing moved.
         """
-        small = [self._picture(picture) for picture in (image, plate)]
+        image, plate = self._picture(image), self._picture(plate)
         still = ~self.touched(streak.mask)
-        if measured and still.any():
-            noise = fit_noise(*small, still)
-            small = [one.with_noise(of) for one, of in zip(small, noise, strict=True)]
-        return small[0], small[1]
+        if not (measured and still.any()):
+            return image, plate
+        of_image, of_plate = fit_noise(image, plate, still)
+        return image.with_noise(of_image), plate.with_noise(of_plate)
 
     def _picture(self, picture: LinearImage) -> LinearImage:
         """Means over cells, with the noise of means of independent pixels."""
@@ -105,7 +109,7 @@ class FittingSize:
         )
         return x0, y0, x1, y1
 
-    def repeated(self, values: Floats, box: Box) -> Floats:
+    def repeated(self, values: npt.NDArray[S], box: Box) -> npt.NDArray[S]:
         """A map of a box of cells in the pixels of `enlarged_box`, constant over each cell."""
         rows, columns = (np.clip(np.rint(at), 0, None) for at in self._positions(box))
         last_row, last_column = (n - 1 for n in values.shape[:2])

@@ -167,10 +167,11 @@ def _written(
     box, best = found.box, found.best
     maps = case.closed_form(box, out)
     C, B, mixed = case.within(box)
-    model, solver = best.model, Smooth()
+    solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
+    model = best.model
     if isinstance(best, Sweep):
-        model, solver = case.model if case.is_exact else model, Swept()
-        solver(maps, best, average, C, mixed.with_edge_variance(B), box)
+        model = case.model if case.is_exact else model
+        Swept()(maps, best, average, C, mixed.with_edge_variance(B), box)
     else:
         _write(maps, best, average, C, B, box)
     inpaint_light(maps.within(box), C, B)
@@ -190,33 +191,34 @@ def _enlarged(
     sweeps, small = list(case.hypotheses.sweeps), found.box
     box = size.enlarged_box(small)
     weights = np.where(found.weights < MIN_WEIGHT, 0, found.weights)
-    weights = weights / weights.sum()
-    shapes = list(zip(sweeps, weights, strict=False))
+    of_shapes = (weights / weights.sum())[: len(sweeps)]
     known = np.isfinite(average.alpha_std)
     rest = np.where(known, average.alpha, 0)
-    for weight, estimate in zip(weights[: len(sweeps)], found.estimates, strict=False):
+    for weight, estimate in zip(of_shapes, found.estimates, strict=False):
         rest = rest - weight * np.where(known, estimate.alpha, 0)
     alpha = size.interpolated(rest, small)
     std = size.interpolated(np.where(known, average.alpha_std, 0), small)
-    if len(weights) > len(sweeps) and weights[len(sweeps) :].any():
+    if weights[len(sweeps) :].any():
         std = np.hypot(std, alpha - size.repeated(rest, small))
-    for sweep, weight in shapes:
-        alpha = alpha + (weight * sweep.alpha_within(box) if weight else 0)
+    for weight, sweep in zip(of_shapes, sweeps, strict=True):
+        if weight > 0:
+            alpha += weight * sweep.alpha_within(box)
     alpha[np.abs(alpha) < ROUNDING_OF_ALPHA] = 0
     std[~size.repeated(known, small)] = np.inf
     around, box = box, case.box_with(sweeps)
     place = rows_columns(box, around)
     sum_std = size.cell**2 * average.sum_std
     total = AlphaEstimate(alpha[place], std[place], sum_std, average.scale_std)
-    shapeless = [
-        replace(
-            one,
-            box=size.enlarged_box(one.box),
-            maps=PixelMaps._make(size.repeated(values, one.box) for values in one.maps),
-        )
-        for one in found.shapeless
-    ]
+    shapeless = [_in_picture(one, size) for one in found.shapeless]
     return replace(found, sweeps=sweeps, shapeless=shapeless, box=box), total
+
+
+def _in_picture(one: _Shapeless, size: FittingSize) -> _Shapeless:
+    """A hypothesis about cells with the maps of their pixels, constant over each."""
+    alpha, std, P, P_std, quality = one.maps
+    alpha, std, P, P_std = (size.repeated(m, one.box) for m in (alpha, std, P, P_std))
+    maps = PixelMaps(alpha, std, P, P_std, size.repeated(quality, one.box))
+    return replace(one, box=size.enlarged_box(one.box), maps=maps)
 
 
 def _in_pixels(one: Alternative, size: FittingSize) -> Alternative:

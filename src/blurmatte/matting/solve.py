@@ -91,7 +91,7 @@ def solve(
     _check(image, plate, model, solver, streak, out, start)
     pictures = _matched(image, plate, matching, occluder)
     case, others = _case_of(pictures, model, solver, streak, start, prior)
-    warn_if_plate_differs(pictures.image, pictures.plate, case.found)
+    warn_if_plate_differs(*case.compared)
     return _solution(case, others, out)
 
 
@@ -205,7 +205,7 @@ def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | N
 
 def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Solution:
     """Solve a case."""
-    only_lost = may_be_shadow(case.pictures.image, case.pictures.plate, case.found)
+    only_lost = may_be_shadow(*case.compared)
     _LOG.info("solving alpha")
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         maps = case.closed_form(_box_of(case), out)
