@@ -85,7 +85,11 @@ def prepared(pictures):
     rows = bm.measure_clip(frames, plate, COLOR_MODEL)
     solver = FrameSolver.of(frames, StaticScene.of(frames, plate), COLOR_MODEL)
     with shared(1) as workers:
-        return frames, solver, wanted_frames(frames, rows, solver, range(len(frames)), workers, False)
+        return (
+            frames,
+            solver,
+            wanted_frames(frames, rows, solver, range(len(frames)), workers, False),
+        )
 
 
 def test_silhouette_of_a_ball_is_a_disc_in_all_frames(prepared):

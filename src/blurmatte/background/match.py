@@ -15,6 +15,7 @@ from blurmatte.background.warp import (
     interpolate,
     interpolated_variance,
     map_points,
+    moved_points,
     to_centered,
 )
 from blurmatte.checks import Bools, check_same_size
@@ -196,8 +197,8 @@ class Match:
         width, height = self.size
         axes = np.arange(width, dtype=float), np.arange(height, dtype=float)
         xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        parts = np.array_split(xy, 64)  # the derivatives of all points would take much memory
-        at = np.concatenate([map_points(self.h, part, self.size)[0] for part in parts])
+        parts = np.array_split(xy, 64)  # homogeneous coordinates of all would take much memory
+        at = np.concatenate([moved_points(self.h, part, self.size) for part in parts])
         rgb = interpolate(plate.rgb, at).reshape(plate.rgb.shape).astype(plate.rgb.dtype)
         noise = None
         if plate.noise is not None:

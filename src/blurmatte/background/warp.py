@@ -37,14 +37,26 @@ def to_centered(size: tuple[int, int]) -> Array:
     )
 
 
+def moved_points(h: Array, xy: Array, size: tuple[int, int]) -> Array:
+    """Positions (n, 2) in the plate of points xy (n, 2) of the image, pixels."""
+    to = to_centered(size)
+    U, _ = _projected(h, xy * to[0, 0] + to[:2, 2])
+    return np.asarray((U - to[:2, 2]) / to[0, 0])
+
+
+def _projected(h: Array, u: Array) -> tuple[Array, Array]:
+    """Centered points (n, 2) under the homography, and their homogeneous coordinates (n, 1)."""
+    H = homography(h)
+    moved = u @ H[:, :2].T + H[:, 2]
+    depth = moved[:, 2:]
+    return moved[:, :2] / depth, depth
+
+
 def map_points(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     """Map points xy (n, 2) of the image to the plate, pixels; also the derivatives (n, 2, 8) by h."""
     to = to_centered(size)
     u = xy * to[0, 0] + to[:2, 2]
-    H = homography(h)
-    moved = u @ H[:, :2].T + H[:, 2]
-    depth = moved[:, 2:]
-    U = moved[:, :2] / depth
+    U, depth = _projected(h, u)
     one = np.concatenate([u, np.ones_like(depth)], axis=1) / depth
     slope = np.zeros((len(xy), 2, 8))
     slope[:, 0, :3] = slope[:, 1, 3:6] = one

@@ -15,6 +15,7 @@ from blurmatte.background import Match
 from blurmatte.checks import Bools, Box, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import solve_clipped
+from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import PixelMaps, Quality
 from blurmatte.matting.mask_growth import grown_mask
@@ -41,6 +42,7 @@ class Pictures:
     plate: LinearImage
     match: Match
     hidden: Bools
+    measured: bool = False  #: whether the noise was unknown, and measured from their difference
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +54,7 @@ class Case:
     model: ColorModel
     solver: Solver | None  #: None averages all hypotheses
     hypotheses: Hypotheses | None  #: None if the solver needs no sweep
+    fitted: "Fitted | None" = None  #: None if the hypotheses were fitted to these pictures
 
     @property
     def is_exact(self) -> bool:
@@ -73,6 +76,12 @@ class Case:
     def streak(self) -> Streak:
         """Where image and that plate differ."""
         return self.found if self.hypotheses is None else self.hypotheses.streak
+
+    @property
+    def compared(self) -> tuple[LinearImage, LinearImage, Streak]:
+        """Image, matched plate, and where they differ, of the size that was fitted."""
+        one = self if self.fitted is None else self.fitted.case
+        return one.pictures.image, one.pictures.plate, one.found
 
     @cached_property
     def grown_streak(self) -> Streak:
@@ -135,6 +144,14 @@ class Case:
             | hidden * np.uint8(Quality.OCCLUDED),
             np.uint8,
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Fitted:
+    """The case of the pictures to which hypotheses were fitted, and the size of those."""
+
+    case: Case
+    size: FittingSize
 
 
 def rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:

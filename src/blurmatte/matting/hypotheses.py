@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from blurmatte.checks import Box
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.alternatives import alternative, listed
-from blurmatte.matting.averaging import AlphaEstimate, averaged
+from blurmatte.matting.alternatives import Alternative, alternative, listed
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
     HypothesisSummary,
@@ -21,6 +21,7 @@ from blurmatte.matting.calibration import (
     reasons,
 )
 from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
+from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
@@ -36,6 +37,8 @@ from blurmatte.sweep.assess.model_selection import (
 from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
+
+ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,8 +139,8 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     Returns a case with solver and colors of the likeliest hypothesis, maps, and numbers for
     `Solution.stats`.
     """
-    found = _Hypotheses.of(case)
-    box, best = found.box, found.best
+    fitted = case if case.fitted is None else case.fitted.case
+    found = _Hypotheses.of(fitted)
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     terms = error_terms(average, found.estimates, found.summaries, diagnostics)
@@ -151,6 +154,34 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
         because = ["duration", *because]
     # The maps have no other place for an error that may be larger than all others.
     average = replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity * average.alpha))
+    pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
+    alternatives = _alternatives(found, average, pictures)
+    if case.fitted is not None:
+        size = case.fitted.size
+        alternatives = [_in_pixels(one, size) for one in alternatives]
+        found, average = _enlarged(found, average, case, size)
+    model, solver, maps = _written(found, average, case, out)
+    numbers = {
+        **sweep_summary(found.sweeps[0]),
+        "sum_alpha_std": average.sum_std,
+        "alpha_scale_std": average.scale_std,
+        "weights": found.weights.tolist(),
+        "shape_log_odds": found.shape_log_odds(),
+        "alternatives": tuple(map(asdict, alternatives)),
+        "claimed_error": claim,
+        "error_terms": asdict(terms),
+        "error_factor": max(error / claim, 1.0),
+        "grade_reasons": because,
+        **grade,
+    }
+    return replace(case, model=model, solver=solver), maps, numbers
+
+
+def _written(
+    found: _Hypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
+) -> tuple[ColorModel, Solver, PixelMaps]:
+    """Colors and solver of the likeliest hypothesis, and maps with the average and its light."""
+    box, best = found.box, found.best
     maps = case.closed_form(box, out)
     C, B, mixed = case.within(box)
     solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
@@ -161,20 +192,55 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     else:
         _write(maps, best, average, C, B, box)
     inpaint_light(maps.within(box), C, B)
-    numbers = {
-        **sweep_summary(found.sweeps[0]),
-        "sum_alpha_std": average.sum_std,
-        "alpha_scale_std": average.scale_std,
-        "weights": found.weights.tolist(),
-        "shape_log_odds": found.shape_log_odds(),
-        "alternatives": _alternatives(found, average, (C, B)),
-        "claimed_error": claim,
-        "error_terms": asdict(terms),
-        "error_factor": max(error / claim, 1.0),
-        "grade_reasons": because,
-        **grade,
-    }
-    return replace(case, model=model, solver=solver), maps, numbers
+    return model, solver, maps
+
+
+def _enlarged(
+    found: _Hypotheses, average: AlphaEstimate, case: Case, size: FittingSize
+) -> tuple[_Hypotheses, AlphaEstimate]:
+    """Hypotheses and their average at full size.
+
+    To alpha of the average, interpolated, every shape adds the difference of its alpha at full size
+    from its own interpolated alpha. Alpha without a shape has no detail finer than a cell: the
+    difference of interpolated and constant cells is an error.
+    """
+    assert case.hypotheses is not None
+    sweeps, small = list(case.hypotheses.sweeps), found.box
+    box = size.enlarged_box(small)
+    weights = np.where(found.weights < MIN_WEIGHT, 0, found.weights)
+    of_shapes = (weights / weights.sum())[: len(sweeps)]
+    known = np.isfinite(average.alpha_std)
+    rest = np.where(known, average.alpha, 0)
+    for weight, estimate in zip(of_shapes, found.estimates, strict=False):
+        rest = rest - weight * np.where(known, estimate.alpha, 0)
+    alpha = size.interpolated(rest, small)
+    std = size.interpolated(np.where(known, average.alpha_std, 0), small)
+    if weights[len(sweeps) :].any():
+        std = np.hypot(std, alpha - size.repeated(rest, small))
+    for weight, sweep in zip(of_shapes, sweeps, strict=True):
+        if weight > 0:
+            alpha += weight * sweep.alpha_within(box)
+    alpha[np.abs(alpha) < ROUNDING_OF_ALPHA] = 0
+    std[~size.repeated(known, small)] = np.inf
+    around, box = box, case.box_with(sweeps)
+    place = rows_columns(box, around)
+    sum_std = size.cell**2 * average.sum_std
+    total = AlphaEstimate(alpha[place], std[place], sum_std, average.scale_std)
+    shapeless = [_in_picture(one, size) for one in found.shapeless]
+    return replace(found, sweeps=sweeps, shapeless=shapeless, box=box), total
+
+
+def _in_picture(one: _Shapeless, size: FittingSize) -> _Shapeless:
+    """A hypothesis about cells with the maps of their pixels, constant over each."""
+    alpha, std, P, P_std, quality = one.maps
+    alpha, std, P, P_std = (size.repeated(m, one.box) for m in (alpha, std, P, P_std))
+    maps = PixelMaps(alpha, std, P, P_std, size.repeated(quality, one.box))
+    return replace(one, box=size.enlarged_box(one.box), maps=maps)
+
+
+def _in_pixels(one: Alternative, size: FittingSize) -> Alternative:
+    """An alternative whose radius was in cells."""
+    return one if one.radius is None else replace(one, radius=size.cell * one.radius)
 
 
 def _estimate(sweep: Sweep, box: Box) -> AlphaEstimate:
@@ -184,14 +250,14 @@ def _estimate(sweep: Sweep, box: Box) -> AlphaEstimate:
 
 def _alternatives(
     found: _Hypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
-) -> tuple[dict[str, Any], ...]:
-    """The listed hypotheses as plain numbers."""
+) -> list[Alternative]:
+    """The listed hypotheses."""
     kinds = [one if isinstance(one, Sweep) else one.model for one in found.all]
     alternatives = [
         alternative(kind, weight, estimate, average, pictures, found.box)
         for kind, weight, estimate in zip(kinds, found.weights, found.estimates, strict=True)
     ]
-    return tuple(map(asdict, listed(alternatives, hypothesis_scores(found.evidence))))
+    return listed(alternatives, hypothesis_scores(found.evidence))
 
 
 def _without_shape(case: Case) -> list[_Shapeless]:

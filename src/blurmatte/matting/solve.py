@@ -14,7 +14,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError
-from blurmatte.matting.case import MARGIN_PX, Case, Pictures, Solver
+from blurmatte.matting.case import MARGIN_PX, Case, Fitted, Pictures, Solver
+from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.hypotheses import average_hypotheses
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.pixelwise import Pixelwise
@@ -28,6 +29,7 @@ from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.streaks.outliers import without_outliers
+from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.sweep import Sweep
@@ -90,7 +92,7 @@ def solve(
     _check(image, plate, model, solver, streak, out, start)
     pictures = _matched(image, plate, matching, occluder)
     case, others = _case_of(pictures, model, solver, streak, start, prior)
-    warn_if_plate_differs(pictures.image, pictures.plate, case.found)
+    warn_if_plate_differs(*case.compared)
     return _solution(case, others, out)
 
 
@@ -122,6 +124,7 @@ def _matched(
 ) -> Pictures:
     """Match the plate to the image, measure unknown noise, and exclude occluded pixels."""
     match = fit_match(image, plate, matching)
+    measured = image.noise is None and plate.noise is None
     image, plate = with_noise(image, match.apply(plate))
     image = without_outliers(image, plate)
     hidden = (
@@ -132,7 +135,7 @@ def _matched(
         # Clipped light is set to 0 there: no channel of an occluded pixel has information.
         rgb = np.where((hidden & ~image.valid)[..., None], image.rgb.dtype.type(0), image.rgb)
         image = replace(image, rgb=rgb, valid=image.valid & ~hidden)
-    return Pictures(image, plate, match, hidden)
+    return Pictures(image, plate, match, hidden, measured)
 
 
 def _case_of(
@@ -151,18 +154,46 @@ def _case_of(
         found = merge_across_occluder(require_streaks(image, plate), pictures.hidden)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
-    model, hypotheses = _of_light(solver, model), None
+    model = _of_light(solver, model)
     if model is None:
         chosen = likeliest_streak(image, plate, found)
     else:
         chosen = streak_of_color(found, image, plate, model)
-    if model is None or not isinstance(solver, Pixelwise | Smooth | Shaded):
-        _LOG.info("fitting the sweep")
-        hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior)
-        if model is None or model.covariance.any():
-            model = hypotheses.best.model  # the streak adds information to uncertain colors
     others = [other for other in found if other is not chosen]
-    return Case(pictures, chosen, model, solver, hypotheses), others
+    if model is not None and isinstance(solver, Pixelwise | Smooth | Shaded):
+        return Case(pictures, chosen, model, solver, None), others
+    _LOG.info("fitting the sweep")
+    # Of a frame of a clip, start and prior are in its pixels.
+    size = FittingSize.of(chosen) if start is None and prior is None else None
+    if size is not None:
+        return _enlarged_case(size, pictures, chosen, model, solver), others
+    hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior)
+    return Case(pictures, chosen, _with_streak(model, hypotheses), solver, hypotheses), others
+
+
+def _enlarged_case(
+    size: FittingSize,
+    pictures: Pictures,
+    streak: Streak,
+    model: ColorModel | None,
+    solver: Solver | None,
+) -> Case:
+    """The case of hypotheses that were fitted to pictures of another size."""
+    of_streak = size.streak(streak)
+    image, plate = size.pictures(pictures.image, pictures.plate, streak, pictures.measured)
+    small = Pictures(image, plate, pictures.match, size.touched(pictures.hidden))
+    fitted = fit_hypotheses(image, plate, of_streak, model)
+    known = _with_streak(model, fitted)
+    hypotheses = size.hypotheses(fitted, (plate, pictures.plate), (of_streak, streak))
+    of_means = Case(small, of_streak, known, solver, fitted)
+    return Case(pictures, streak, known, solver, hypotheses, Fitted(of_means, size))
+
+
+def _with_streak(model: ColorModel | None, hypotheses: Hypotheses) -> ColorModel:
+    """The colors; the streak adds information to uncertain ones."""
+    if model is None or model.covariance.any():
+        return hypotheses.best.model
+    return model
 
 
 def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:
@@ -178,7 +209,7 @@ def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | N
 
 def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Solution:
     """Solve a case."""
-    only_lost = may_be_shadow(case.pictures.image, case.pictures.plate, case.found)
+    only_lost = may_be_shadow(*case.compared)
     _LOG.info("solving alpha")
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         maps = case.closed_form(_box_of(case), out)

@@ -35,10 +35,8 @@ def streak_summary(
 
 
 def sweep_summary(sweep: Sweep) -> dict[str, Any]:
-    """Path, outline and size, and the error of the sum of alpha."""
+    """Path, outline and size."""
     return {
-        "sum_alpha_std": sweep.area_std(),
-        "alpha_scale_std": 0.0,  # that of the color is part of the area's
         "sweep": {
             "silhouette": sweep.silhouette.name,
             "path": sweep.family.name,

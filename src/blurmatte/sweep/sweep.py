@@ -231,7 +231,7 @@ class Sweep:
     @property
     def alpha(self) -> Array:
         """(H, W) fraction of the exposure."""
-        return self.within((0, 0, *self.size))[0]
+        return self.alpha_within((0, 0, *self.size))
 
     @property
     def alpha_std(self) -> Array:
@@ -251,6 +251,30 @@ class Sweep:
         path = self.family.shifted(self.path, np.array(corner, float))
         return replace(self, path=path, size=size)
 
+    def enlarged(self, by: int, origin: tuple[float, float], size: tuple[int, int]) -> "Sweep":
+        """The sweep of a picture of means over cells of `by` x `by` pixels, in the picture of pixels.
+
+        Parameters
+        ----------
+        origin : (float, float)
+            Center (x, y) of the first cell, in the pixels.
+        size : (int, int)
+            (width, height) of the picture of pixels.
+        """
+        of_path, of_shape = self.family.units(by), self.silhouette.units(by)
+        units, cast, known = np.concatenate([of_path, of_shape]), self.cast, self.diagnostics
+        if cast is not None:
+            cast = replace(cast, offset=by * cast.offset, softness=by * cast.softness)
+        return replace(
+            self,
+            path=self.family.shifted(of_path * self.path, np.array(origin)),
+            shape=of_shape * self.shape,
+            covariance=self.covariance * np.outer(units, units),
+            size=size,
+            cast=cast,
+            diagnostics=replace(known, chroma_blur=by * known.chroma_blur),
+        )
+
     def within(self, box: tuple[int, int, int, int]) -> tuple[Array, Array]:
         """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels.
 
@@ -266,6 +290,10 @@ class Sweep:
             wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
             variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
         return swept.alpha, np.sqrt(variance)
+
+    def alpha_within(self, box: tuple[int, int, int, int]) -> Array:
+        """Alpha (h, w) in a box (x0, y0, x1, y1) of pixels, as that of `within`."""
+        return self._swept(box, self.shape).alpha
 
     def rms_difference(self, other: "Sweep") -> float:
         """Root mean square difference of the alphas of two sweeps, of the larger alpha's."""
@@ -291,7 +319,7 @@ class Sweep:
         file = self._file(image)
         if file is None or self.model.rank == 3:
             return image
-        alpha = self.within(box)[0]
+        alpha = self.alpha_within(box)
         own = light_of_colors(image, plate, alpha, self.model.basis, file.std)
         return image_before(image, plate, alpha, own, file)
 
@@ -316,7 +344,7 @@ class Sweep:
         if self.cast is None:
             return plate
         S = self.cast.missing(self.family, self.path, self.shape[0], Pixels.of_box(box))
-        shaded = self.cast.on(np.asarray(plate.rgb, float), S, self.within(box)[0])
+        shaded = self.cast.on(np.asarray(plate.rgb, float), S, self.alpha_within(box))
         return replace(plate.with_noise(plate.variance), rgb=shaded.astype(plate.rgb.dtype))
 
     def area_std(self) -> float:

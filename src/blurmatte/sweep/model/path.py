@@ -153,6 +153,10 @@ class PathFamily(ABC):
         moved[:points] += np.tile(by, points // 2)
         return moved
 
+    def units(self, pixel: float) -> Array:
+        """(n,) factors of the parameters if the unit of length is `pixel` times as large."""
+        return np.full(self.size, pixel)
+
     @abstractmethod
     def starts(self, curve: Array) -> list[Array]:
         """Parameters (n,) of paths along `curve` (m, 2), equally spaced points."""
@@ -227,6 +231,10 @@ class Kinked(PathFamily):
     def kink(self, p: Array) -> float:
         """Time at which the velocity jumps, within its bounds."""
         return float(np.clip(p[-1], self.earliest, self.latest))
+
+    def units(self, pixel: float) -> Array:
+        """Of lengths, and of the time, which has no unit."""
+        return np.append(np.full(self.size - 1, pixel), 1.0)
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Along both pieces; the time of a kink at a bound cannot change."""

@@ -137,6 +137,14 @@ class Silhouette:
             mine[-1] = other.softness(shape)
         return mine
 
+    def units(self, pixel: float) -> Array:
+        """(m,) factors of the parameters if the unit of length is `pixel` times as large."""
+        factors = np.ones(self.size)
+        factors[0] = pixel
+        if self.soft:
+            factors[-1] = pixel
+        return factors
+
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
         """The shape clipped to radius bounds (pixels) and to `ShapeLimits`."""
         near = shape.copy()
