@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
@@ -27,7 +26,6 @@ from blurmatte.cli.console import (
     say,
     warn,
 )
-from blurmatte.cli.old_spellings import modern
 from blurmatte.cli.output_checks import protecting
 from blurmatte.cli.rows import pictures_of
 from blurmatte.interrupts import interrupted
@@ -147,17 +145,13 @@ class _Group(TyperGroup):
 
 
 class _Program(_Group):
-    """Understands the spellings of the version before, and says what they are now."""
+    """The program: options that all commands have may stand before the command."""
 
     def make_context(
         self, info_name: str | None, args: list[str], *more: Any, **kwargs: Any
     ) -> Any:
-        """Parse the arguments in today's spelling."""
-        today, changed = modern(command_first(args))
-        if changed and "-q" not in args and "--quiet" not in args:
-            typed = shlex.join(["blurmatte", *today])
-            warn(f"old spelling, rejected by the next version; write: {typed}")
-        return super().make_context(info_name, today, *more, **kwargs)
+        """Parse the arguments, the command first."""
+        return super().make_context(info_name, command_first(args), *more, **kwargs)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of the commands in the order of the help."""
