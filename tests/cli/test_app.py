@@ -254,8 +254,8 @@ def test_missing_extra_is_named_in_one_line(tmp_path, monkeypatch, extra, argume
         monkeypatch.setitem(sys.modules, package, None)
     log_curve.cache_clear()
     monkeypatch.chdir(tmp_path)
-    for name in ("rally.mp4", "a.dng"):
-        (tmp_path / name).write_bytes(b"II*\0" + bytes(99))
+    for name, head in (("rally.mp4", b"\0\0\0\x18ftypmp42"), ("a.dng", b"II*\0")):
+        (tmp_path / name).write_bytes(head + bytes(99))
     bm.write("a.png", bm.LinearImage(np.full((9, 9, 3), 0.2)))
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 2, result.stderr
