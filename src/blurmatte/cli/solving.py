@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import math
-import os
 import shlex
 import sys
 from collections.abc import Iterator
@@ -14,34 +12,29 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
-import typer
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
 from blurmatte.cli.console import (
-    ExitCode,
     Verbosity,
     about,
     answer,
     argument,
     color_numbers,
-    complain,
     grade_lines,
     in_degrees,
     option,
     output,
     printing,
     say,
-    say_json,
     swatches,
     verbosity,
     waiting,
     warn,
-    with_progress,
 )
-from blurmatte.cli.output_checks import check_file, check_folder, check_outputs
-from blurmatte.cli.rows import ROWS, expanded, with_folders
+from blurmatte.cli.output_checks import check_file, check_folder
+from blurmatte.cli.picture_rows import Answer, PictureRow, refusal, solve_row, solved_picture
+from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
     ColorOptions,
@@ -53,8 +46,6 @@ from blurmatte.cli.selection import (
     kind_of_color,
     matching_of,
 )
-
-_MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have started
 
 Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 
@@ -99,8 +90,6 @@ def solve(
     Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
     folder; of a clip, frames.csv and layers.
     """
-    from blurmatte.results import RESULT_FILES
-
     required = _required(require)
     each_alone = region is not None or solver != "auto"
     if clip.means_clip(images, out, plate.plate, each_alone or occluder is not None):
@@ -116,52 +105,19 @@ def solve(
     method = _solver(solver, colors)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
-    check_outputs(*(folder / name for _, folder in pairs for name in RESULT_FILES))
     selection = Selection(reading, colors, region)
+    named = plate.plate, region, occluder, *colors.files, reading.noise, reading.transfer
+    files = given_files([], *named, solver.partition(":")[2])
+    row = PictureRow(pairs, out, files)
     reading = _with_curve(reading, pairs[0][0], plate.plate)
     notes: list[str] = []
     B = reading.read(plate.plate, notes)
     method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
-    matching = matching_of(plate.match)
+    settings = {"selection": repr(selection), "match": plate.match, "solver": solver}
+    row, matching = replace(row, settings=settings), matching_of(plate.match)
     task = _Task(reading, B, notes, selection, occluder, method, matching)
-    _solve_each(task, pairs, required, clip.workers, as_json)
-
-
-def _solve_each(
-    task: _Task,
-    pairs: list[tuple[Path, Path]],
-    required: bm.Grade | None,
-    workers: int | None,
-    as_json: bool,
-) -> None:
-    """Solve images, each into its folder, and say what came of them."""
-    failed, lower = 0, 0
-    with bm.Workers(_processes(workers, len(pairs))) as processes:
-        solved = processes.in_order(_OneOfRow(task, verbosity()), pairs)
-        both = zip(pairs, solved, strict=True)
-        for (path, folder), one in with_progress(both, "solving", len(pairs)):
-            if one.refusal:
-                complain(one.refusal)
-                failed += 1
-                continue
-            if as_json:
-                report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-                say_json({"folder": folder, **report}, indent=2 if len(pairs) == 1 else None)
-            else:
-                say("\n".join(one.lines))
-            lower += _is_lower(path, one.grade, required)
-    if failed or lower:
-        raise typer.Exit(ExitCode.REFUSED if failed else ExitCode.LOW_GRADE)
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """What is printed of one image, or why it was refused; its grade if it has one."""
-
-    lines: list[str]
-    grade: bm.Grade | None = None
-    refusal: str = ""
+    solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +127,7 @@ class _OneOfRow:
     task: _Task
     verbosity: Verbosity
 
-    def __call__(self, path: Path, folder: Path) -> _Answer:
+    def __call__(self, path: Path, folder: Path) -> Answer:
         try:
             if verbosity() == self.verbosity:  # this process: its progress is shown
                 solution, match = _solve_one(self.task, path, folder)
@@ -179,16 +135,8 @@ class _OneOfRow:
                 with printing(self.verbosity):
                     solution, match = _solve_one(self.task, path, folder)
         except bm.BlurmatteError as error:
-            return _Answer([], refusal=str(error))
-        grade = solution.grade if "grade" in solution.stats else None
-        return _Answer(_answer_lines(solution, match, folder), grade)
-
-
-def _processes(wanted: int | None, count: int) -> int:
-    """Number of processes for a row of images; a few are done before processes have started."""
-    if wanted is not None:
-        return min(wanted, count)
-    return 1 if count < _MIN_IMAGES_TO_PARALLELIZE else min(os.cpu_count() or 1, count)
+            return refusal(path, error)
+        return solved_picture(path, folder, solution, _answer_lines(solution, match, folder))
 
 
 def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
@@ -332,16 +280,6 @@ def _required(name: str | None) -> bm.Grade | None:
     if name not in (None, bm.Grade.CONFIRMED, bm.Grade.PLAUSIBLE):
         raise ValueError(f"--require must be confirmed or plausible, got {name!r}")
     return None if name is None else bm.Grade(name)
-
-
-def _is_lower(path: Path, found: bm.Grade | None, required: bm.Grade | None) -> bool:
-    """True if a solution has a lower grade than required, or none; prints an error then."""
-    grades = list(bm.Grade)  # the best first
-    if required is None or (found is not None and grades.index(found) <= grades.index(required)):
-        return False
-    grade = "it has no grade" if found is None else f"its grade is {found}"
-    complain(f"{path}: {grade}, --require asks for {required}; its files were written")
-    return True
 
 
 @contextmanager
