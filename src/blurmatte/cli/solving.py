@@ -6,7 +6,7 @@ import logging
 import math
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -130,18 +130,19 @@ class _OneOfRow:
     def __call__(self, path: Path, folder: Path) -> Answer:
         try:
             if verbosity() == self.verbosity:  # this process: its progress is shown
-                solution, match = _solve_one(self.task, path, folder)
+                lines, solution = _solve_one(self.task, path, folder)
             else:
                 with printing(self.verbosity):
-                    solution, match = _solve_one(self.task, path, folder)
+                    lines, solution = _solve_one(self.task, path, folder)
         except bm.BlurmatteError as error:
             return refusal(path, error)
-        return solved_picture(path, folder, solution, _answer_lines(solution, match, folder))
+        return solved_picture(path, folder, solution, lines)
 
 
-def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
-    """Solve one image and write its results."""
+def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
+    """Solve one image and write its results; what is printed of them."""
     from blurmatte.explain.doubt import doubts
+    from blurmatte.explain.recomposition import usable_all_the_same
 
     with about(path) as said:
         C = task.reading.read(path, said)
@@ -168,7 +169,8 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.M
         logging.getLogger("blurmatte").info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
-    return solution, match
+    graded = [*grade_lines(solution), *usable_all_the_same(C, matched, solution)]
+    return [*graded, *_answer_lines(solution, match, folder)], solution
 
 
 @command(
@@ -293,15 +295,26 @@ def _naming_streaks(
         found = [] if streak is not None else bm.find_streaks(image, plate)
         if not found:
             raise
-        first, *others = (",".join(map(str, one.box)) for one in found)
-        more = f"; also moved, choose with --region: {_some(others)}" if others else ""
-        where = f"The strongest is the streak in {first} (X0,Y0,X1,Y1){more}"
+        first, *others = found
+        boxes = [other.box for other in others if other.significant]
+        more = "".join(f"; {line}" for line in _also_moved(boxes, len(others) - len(boxes)))
+        where = f"The strongest is the streak in {_as_region(first.box)} (X0,Y0,X1,Y1){more}"
         raise type(error)(f"{error}. {where}") from error
 
 
-def _some(boxes: list[str], most: int = 5) -> str:
+def _also_moved(boxes: Sequence[Sequence[int]], insignificant: int, most: int = 5) -> list[str]:
+    """Boxes of what else moved, the strongest first, and how many may be noise; one line or none."""
+    if not boxes:
+        return []
+    named = " ".join(map(_as_region, boxes[:most]))
     more = f" and {len(boxes) - most} more" if len(boxes) > most else ""
-    return " ".join(boxes[:most]) + more
+    weak = f"; {insignificant} more may be noise or compression" if insignificant else ""
+    return [f"also moved, choose with --region: {named}{more}{weak}"]
+
+
+def _as_region(box: Sequence[int]) -> str:
+    """A box as a value of --region."""
+    return ",".join(map(str, box))
 
 
 def _curve_doubts(
@@ -325,14 +338,12 @@ def _curve_doubts(
 
 
 def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
-    """Grade, colors, plate, other streaks, and the sheet."""
+    """Alternatives, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain.grade import also_fits
 
-    graded = *grade_lines(solution), *also_fits(solution)
-    lines = [*graded, str(solution), in_degrees(solution.model)]
+    lines = [*also_fits(solution), str(solution), in_degrees(solution.model)]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
-    boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
-    if boxes:
-        lines.append(f"also moved, choose with --region: {_some(boxes)}")
+    stats = solution.stats
+    lines += _also_moved(stats.get("other_boxes", ()), stats.get("insignificant_others", 0))
     return [*lines, str(folder / "overview.png")]
