@@ -1,5 +1,6 @@
 """Every command, with correct input and with common mistakes."""
 
+import csv
 import json
 import os
 import re
@@ -341,10 +342,77 @@ def test_several_images_have_a_folder_each_and_one_may_fail(here, tmp_path):
     out = tmp_path / "out"
     files = (here / "throw*.png", "--plate", here / "plate.png", "--color", COLOR)
     result = run("solve", *files, *FAST, "--out", out)
-    assert "throw3.png: export it again; the file holds no PNG" in complaint(result)
-    assert sorted(path.name for path in out.iterdir()) == ["throw1", "throw2"]
-    assert len(result.stdout.splitlines()) == 6
+    assert "throw3.png: export it again as PNG" in complaint(result)
+    beside = ["manifest.jsonl", "pictures.csv"]
+    assert sorted(path.name for path in out.iterdir()) == [*beside, "throw1", "throw2"]
+    *answers, summary, table = result.stdout.splitlines()
+    assert len(answers) == 6
+    assert (summary, table) == ("3 pictures: 2 solved now, 1 refused", str(out / "pictures.csv"))
     assert sorted(content(out / "throw2")) == NAMES
+
+
+def test_table_of_several_pictures_has_what_was_found_and_why_not(here, tmp_path):
+    for number in (1, 2):
+        shutil.copy(here / "image.png", here / f"throw{number}.png")
+    shutil.copy(here / "plate.png", here / "throw3.png")
+    files = (here / "throw*.png", "--plate", here / "plate.png", "--color", COLOR)
+    run("solve", *files, *FAST, "--out", tmp_path / "o")
+    with (tmp_path / "o" / "pictures.csv").open(encoding="utf-8") as file:
+        first, second, third = csv.DictReader(file)
+    assert list(first) == [
+        *("picture", "folder", "grade", "alpha_error", "sum_alpha", "sum_alpha_std"),
+        *("radius", "radius_std", "length", "length_std", "angle", "angle_std", "color", "reason"),
+    ]
+    assert (first["picture"], first["folder"]) == (str(here / "throw1.png"), "throw1")
+    assert first["reason"] == ""
+    motion = bm.measure_motion(bm.read_solution(tmp_path / "o/throw1/layer.exr"))
+    assert float(first["length"]) == pytest.approx(motion.length, rel=1e-4)
+    assert float(first["angle"]) == pytest.approx(np.degrees(motion.angle), rel=1e-4)
+    assert float(first["radius"]) == pytest.approx(12, rel=0.03)
+    assert float(first["sum_alpha"]) == pytest.approx(np.pi * 12**2, rel=0.03)
+    assert second["sum_alpha"] == first["sum_alpha"]
+    assert third["folder"] == third["sum_alpha"] == ""
+    assert "nothing moved" in third["reason"]
+
+
+def test_row_of_pictures_is_resumed(here, tmp_path):
+    for number in (1, 2, 3):
+        shutil.copy(here / "image.png", here / f"throw{number}.png")
+    row = ("solve", here / "throw*.png", "--plate", here / "plate.png", "--color", COLOR)
+    row = (*row, *PIXELWISE, "--out", tmp_path / "o")
+    first = good(*row).stdout.splitlines()
+    table = (tmp_path / "o" / "pictures.csv").read_text()
+    assert first[-2] == "3 pictures: 3 solved now"
+    again = good(*row).stdout.splitlines()
+    assert again == ["3 pictures: 0 solved now, 3 done before", str(tmp_path / "o/pictures.csv")]
+    assert (tmp_path / "o" / "pictures.csv").read_text() == table
+    lines = good(*row, "--json").stdout.splitlines()
+    assert [Path(json.loads(line)["folder"]).name for line in lines] == [
+        "throw1",
+        "throw2",
+        "throw3",
+    ]
+
+    (tmp_path / "o" / "throw1" / "alpha.png").unlink()  # removed, changed, added: solved again
+    bm.write(here / "throw2.png", bm.LinearImage(0.99 * bm.read(here / "image.png").rgb))
+    shutil.copy(here / "image.png", here / "throw4.png")
+    assert good(*row).stdout.splitlines()[-2] == "4 pictures: 3 solved now, 1 done before"
+    other = good(*row, "--transfer", "srgb").stdout.splitlines()
+    assert other[-2] == "4 pictures: 4 solved now"
+    bm.write(here / "plate.png", bm.LinearImage(0.999 * bm.read(here / "plate.png").rgb))
+    assert good(*row, "--transfer", "srgb").stdout.splitlines()[-2] == "4 pictures: 4 solved now"
+
+
+def test_resumed_row_is_still_checked_for_its_grades(here, tmp_path, graded):
+    graded("assumed")
+    for number in (1, 2):
+        shutil.copy(here / "image.png", here / f"throw{number}.png")
+    row = ("solve", here / "throw*.png", "--plate", here / "plate.png", "--color", COLOR)
+    row = (*row, *PIXELWISE, "--out", tmp_path / "o", "--require", "plausible")
+    for _ in range(2):
+        result = run(*row)
+        assert result.exit_code == ExitCode.LOW_GRADE
+        assert result.stderr.count("its grade is assumed") == 2
 
 
 def test_rejects_images_of_equal_names(here, tmp_path):

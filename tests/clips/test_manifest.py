@@ -19,23 +19,23 @@ def path(tmp_path):
 
 
 def test_lines_are_read_again_and_a_cut_off_one_is_not(path):
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         manifest.append(SEEN)
         manifest.append(LAYER)
     with path.open("a") as file:
         file.write('00000000 {"shot": 1, "la')
     second = replace(SEEN, shot=2)
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         assert manifest.finished == [SEEN, LAYER]
         manifest.append(second)
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         assert manifest.finished == [SEEN, LAYER, second]
 
 
 def test_other_inputs_begin_anew(path):
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         manifest.append(SEEN)
-    with opened_manifest(path, "b") as manifest:
+    with opened_manifest(path, "b", Finished) as manifest:
         assert manifest.finished == []
 
 
@@ -43,21 +43,21 @@ def test_other_inputs_begin_anew(path):
 def test_damaged_manifest_begins_anew(path, text):
     path.parent.mkdir()
     path.write_text(text)
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         assert manifest.finished == []
 
 
 def test_changed_values_are_damage(path):
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         manifest.append(SEEN)
         manifest.append(LAYER)
     path.write_text(path.read_text().replace("3.5", "9.5"))
-    with opened_manifest(path, "a") as manifest:
+    with opened_manifest(path, "a", Finished) as manifest:
         assert manifest.finished == [SEEN]
 
 
 def test_manifest_without_finished_frames_is_removed(path):
-    with pytest.raises(KeyError), opened_manifest(path, "a"):
+    with pytest.raises(KeyError), opened_manifest(path, "a", Finished):
         raise KeyError
     assert not path.exists()
 
@@ -66,7 +66,7 @@ def test_manifest_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with (
         pytest.raises(FileError, match="check the folder"),
-        opened_manifest(tmp_path / "file/manifest.jsonl", "a"),
+        opened_manifest(tmp_path / "file/manifest.jsonl", "a", Finished),
     ):
         pass
 

@@ -1,5 +1,6 @@
 """Scenes on disk, and scores of answers."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -174,12 +175,34 @@ def test_missing_answer_is_counted_as_a_miss(truth):
 
 def test_table_omits_metrics_that_are_none(truth):
     table = score_table({"a": score(Answer(truth.layer), truth), "b": score(None, truth)})
-    head, first, second, mean = table.splitlines()
+    head, first, second, mean, _ = table.splitlines()
     assert head.split()[:3] == ["scene", "answered", "alpha"]
     assert "TIoU" not in head
     assert first.split()[:3] == ["a", "yes", "0"]
     assert second.split()[:2] == ["b", "miss"]
     assert mean.split()[:2] == ["mean", "miss"]
+
+
+def test_table_has_standard_errors_of_its_means(truth):
+    whole, miss = score(Answer(truth.layer), truth), score(None, truth)
+    rmse = (0.1, 0.2, 0.6)
+    scores = {str(value): replace(whole, alpha_rmse=value) for value in rmse}
+    scores["2"] = replace(scores.pop("0.2"), alpha_sum_bias=-0.4, color_units=3.0)
+    scores = {name: replace(one, color_degrees=None) for name, one in scores.items()}
+    scores["0.1"] = replace(scores["0.1"], color_units=None)
+    scores["0.6"] = replace(scores["0.6"], color_units=None)
+    head, *_, mean, error = (re.split(r"  +", row) for row in score_table(scores).splitlines())
+    at = head.index("alpha RMSE")
+    assert (error[0], mean[at]) == ("std error", "0.3")
+    assert float(error[at]) == pytest.approx(np.std(rmse, ddof=1) / np.sqrt(3), rel=0.05)
+    bias = head.index("sum bias")
+    assert float(error[bias]) == pytest.approx(0.4 / 3, rel=0.05)  # (0.4, 0, 0), absolute
+    assert error[head.index("color units")] == "-"
+    path = replace(whole, trajectory_iou=0.8)
+    head, *_, error = (
+        re.split(r"  +", row) for row in score_table({"a": path, "b": miss}).splitlines()
+    )
+    assert float(error[head.index("TIoU")]) == pytest.approx(0.4)  # a missing path counts as 0
 
 
 def test_scenes_are_found_in_nested_folders(folder, tmp_path):

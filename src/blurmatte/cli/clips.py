@@ -84,10 +84,11 @@ class ClipTask:
         """What an interrupted run with the same inputs and settings has measured; what records more."""
         from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
 
-        opened: AbstractContextManager[Manifest] = nullcontext(Manifest())
+        opened: AbstractContextManager[Manifest[Finished]] = nullcontext(Manifest())
         if self.unfinished is not None:
             same = {"color": self.color, "several": self.several, "rate": self.rate}
-            opened = opened_manifest(self.unfinished, key_of(self.inputs, same | self.settings))
+            key = key_of(self.inputs, same | self.settings)
+            opened = opened_manifest(self.unfinished, key, Finished)
         with opened as manifest:
             seen = [one.seen for one in manifest.finished if one.seen is not None]
             try:

@@ -187,6 +187,11 @@ class ColorOptions:
             )
 
     @property
+    def files(self) -> tuple[str | Path | None, ...]:
+        """The values that may name files."""
+        return *(self.color or ()), self.color_from
+
+    @property
     def kinds(self) -> set[str]:
         """What the colors are: hex, file, point, core."""
         return {kind_of_color(color) for color in self.color or ()}

@@ -2,46 +2,39 @@
 
 from __future__ import annotations
 
-import json
 import logging
 import math
-import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
-import typer
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
 from blurmatte.cli.console import (
-    ExitCode,
     Verbosity,
     about,
     answer,
     argument,
     color_numbers,
-    complain,
     grade_lines,
     in_degrees,
     option,
     output,
     printing,
     say,
-    say_json,
     swatches,
     verbosity,
     waiting,
     warn,
-    with_progress,
 )
-from blurmatte.cli.output_checks import check_file, check_folder, check_outputs
-from blurmatte.cli.rows import ROWS, expanded, with_folders
+from blurmatte.cli.output_checks import check_file, check_folder
+from blurmatte.cli.picture_rows import Answer, PictureRow, refusal, solve_row, solved_picture
+from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
     ColorOptions,
@@ -53,8 +46,6 @@ from blurmatte.cli.selection import (
     kind_of_color,
     matching_of,
 )
-
-_MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have started
 
 Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 
@@ -99,8 +90,6 @@ def solve(
     Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
     folder; of a clip, frames.csv and layers.
     """
-    from blurmatte.results import RESULT_FILES
-
     required = _required(require)
     each_alone = region is not None or solver != "auto"
     if clip.means_clip(images, out, plate.plate, each_alone or occluder is not None):
@@ -116,52 +105,19 @@ def solve(
     method = _solver(solver, colors)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
-    check_outputs(*(folder / name for _, folder in pairs for name in RESULT_FILES))
     selection = Selection(reading, colors, region)
+    named = plate.plate, region, occluder, *colors.files, reading.noise, reading.transfer
+    files = given_files([], *named, solver.partition(":")[2])
+    row = PictureRow(pairs, out, files)
     reading = _with_curve(reading, pairs[0][0], plate.plate)
     notes: list[str] = []
     B = reading.read(plate.plate, notes)
     method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
-    matching = matching_of(plate.match)
+    settings = {"selection": repr(selection), "match": plate.match, "solver": solver}
+    row, matching = replace(row, settings=settings), matching_of(plate.match)
     task = _Task(reading, B, notes, selection, occluder, method, matching)
-    _solve_each(task, pairs, required, clip.workers, as_json)
-
-
-def _solve_each(
-    task: _Task,
-    pairs: list[tuple[Path, Path]],
-    required: bm.Grade | None,
-    workers: int | None,
-    as_json: bool,
-) -> None:
-    """Solve images, each into its folder, and say what came of them."""
-    failed, lower = 0, 0
-    with bm.Workers(_processes(workers, len(pairs))) as processes:
-        solved = processes.in_order(_OneOfRow(task, verbosity()), pairs)
-        both = zip(pairs, solved, strict=True)
-        for (path, folder), one in with_progress(both, "solving", len(pairs)):
-            if one.refusal:
-                complain(one.refusal)
-                failed += 1
-                continue
-            if as_json:
-                report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-                say_json({"folder": folder, **report}, indent=2 if len(pairs) == 1 else None)
-            else:
-                say("\n".join(one.lines))
-            lower += _is_lower(path, one.grade, required)
-    if failed or lower:
-        raise typer.Exit(ExitCode.REFUSED if failed else ExitCode.LOW_GRADE)
-
-
-@dataclass(frozen=True)
-class _Answer:
-    """What is printed of one image, or why it was refused; its grade if it has one."""
-
-    lines: list[str]
-    grade: bm.Grade | None = None
-    refusal: str = ""
+    solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,29 +127,22 @@ class _OneOfRow:
     task: _Task
     verbosity: Verbosity
 
-    def __call__(self, path: Path, folder: Path) -> _Answer:
+    def __call__(self, path: Path, folder: Path) -> Answer:
         try:
             if verbosity() == self.verbosity:  # this process: its progress is shown
-                solution, match = _solve_one(self.task, path, folder)
+                lines, solution = _solve_one(self.task, path, folder)
             else:
                 with printing(self.verbosity):
-                    solution, match = _solve_one(self.task, path, folder)
+                    lines, solution = _solve_one(self.task, path, folder)
         except bm.BlurmatteError as error:
-            return _Answer([], refusal=str(error))
-        grade = solution.grade if "grade" in solution.stats else None
-        return _Answer(_answer_lines(solution, match, folder), grade)
+            return refusal(path, error)
+        return solved_picture(path, folder, solution, lines)
 
 
-def _processes(wanted: int | None, count: int) -> int:
-    """Number of processes for a row of images; a few are done before processes have started."""
-    if wanted is not None:
-        return min(wanted, count)
-    return 1 if count < _MIN_IMAGES_TO_PARALLELIZE else min(os.cpu_count() or 1, count)
-
-
-def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
-    """Solve one image and write its results."""
+def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
+    """Solve one image and write its results; what is printed of them."""
     from blurmatte.explain.doubt import doubts
+    from blurmatte.explain.recomposition import usable_all_the_same
 
     with about(path) as said:
         C = task.reading.read(path, said)
@@ -220,7 +169,8 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.M
         logging.getLogger("blurmatte").info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
-    return solution, match
+    graded = [*grade_lines(solution), *usable_all_the_same(C, matched, solution)]
+    return [*graded, *_answer_lines(solution, match, folder)], solution
 
 
 @command(
@@ -334,16 +284,6 @@ def _required(name: str | None) -> bm.Grade | None:
     return None if name is None else bm.Grade(name)
 
 
-def _is_lower(path: Path, found: bm.Grade | None, required: bm.Grade | None) -> bool:
-    """True if a solution has a lower grade than required, or none; prints an error then."""
-    grades = list(bm.Grade)  # the best first
-    if required is None or (found is not None and grades.index(found) <= grades.index(required)):
-        return False
-    grade = "it has no grade" if found is None else f"its grade is {found}"
-    complain(f"{path}: {grade}, --require asks for {required}; its files were written")
-    return True
-
-
 @contextmanager
 def _naming_streaks(
     streak: bm.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
@@ -355,15 +295,26 @@ def _naming_streaks(
         found = [] if streak is not None else bm.find_streaks(image, plate)
         if not found:
             raise
-        first, *others = (",".join(map(str, one.box)) for one in found)
-        more = f"; also moved, choose with --region: {_some(others)}" if others else ""
-        where = f"The strongest is the streak in {first} (X0,Y0,X1,Y1){more}"
+        first, *others = found
+        boxes = [other.box for other in others if other.significant]
+        more = "".join(f"; {line}" for line in _also_moved(boxes, len(others) - len(boxes)))
+        where = f"The strongest is the streak in {_as_region(first.box)} (X0,Y0,X1,Y1){more}"
         raise type(error)(f"{error}. {where}") from error
 
 
-def _some(boxes: list[str], most: int = 5) -> str:
+def _also_moved(boxes: Sequence[Sequence[int]], insignificant: int, most: int = 5) -> list[str]:
+    """Boxes of what else moved, the strongest first, and how many may be noise; one line or none."""
+    if not boxes:
+        return []
+    named = " ".join(map(_as_region, boxes[:most]))
     more = f" and {len(boxes) - most} more" if len(boxes) > most else ""
-    return " ".join(boxes[:most]) + more
+    weak = f"; {insignificant} more may be noise or compression" if insignificant else ""
+    return [f"also moved, choose with --region: {named}{more}{weak}"]
+
+
+def _as_region(box: Sequence[int]) -> str:
+    """A box as a value of --region."""
+    return ",".join(map(str, box))
 
 
 def _curve_doubts(
@@ -387,14 +338,12 @@ def _curve_doubts(
 
 
 def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
-    """Grade, colors, plate, other streaks, and the sheet."""
+    """Alternatives, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain.grade import also_fits
 
-    graded = *grade_lines(solution), *also_fits(solution)
-    lines = [*graded, str(solution), in_degrees(solution.model)]
+    lines = [*also_fits(solution), str(solution), in_degrees(solution.model)]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
-    boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
-    if boxes:
-        lines.append(f"also moved, choose with --region: {_some(boxes)}")
+    stats = solution.stats
+    lines += _also_moved(stats.get("other_boxes", ()), stats.get("insignificant_others", 0))
     return [*lines, str(folder / "overview.png")]

@@ -1,24 +1,25 @@
-"""Manifest: an append-only record of the finished frames of a clip, from which a run is resumed.
+"""Manifest: an append-only record of finished work, from which a run is resumed.
 
-The first line has the hash of inputs and settings. Each other line is a checksum and a JSON object. A
-line that is damaged, or was cut off when a run was killed, is removed with all after it, and their
-frames are done again.
+The work is the frames of a clip, or the pictures of a row. The first line has the hash of inputs and
+settings. Each other line is a checksum and a JSON object. A line that is damaged, or was cut off when
+a run was killed, is removed with all after it, and their work is done again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 from zlib import crc32
 
-from blurmatte.clips.table import FrameRecord
+from blurmatte.clips.table import FrameRecord, PictureRecord
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_json
 from blurmatte.motion import FrameSightings
@@ -44,13 +45,31 @@ class Finished:
     layer: FrameRecord | None = None
 
 
+@dataclass(frozen=True)
+class FinishedPicture:
+    """A line: a picture of a row that is solved.
+
+    Parameters
+    ----------
+    key : str
+        `key_of` the picture alone: a picture of other content is solved again, the others are not.
+    record : PictureRecord
+    """
+
+    key: str
+    record: PictureRecord
+
+
+Line = TypeVar("Line", Finished, FinishedPicture)
+
+
 @dataclass(frozen=True, eq=False)
-class Manifest:
+class Manifest(Generic[Line]):
     """Finished work, and the open file to which more is appended.
 
     Parameters
     ----------
-    finished : list of Finished
+    finished : list of Finished or of FinishedPicture
         Of interrupted runs with the same hash, and of this one.
     path : Path, optional
         For messages.
@@ -58,11 +77,11 @@ class Manifest:
         If there is none, nothing is written.
     """
 
-    finished: list[Finished] = field(default_factory=list)
+    finished: list[Line] = field(default_factory=list)
     path: Path | None = None
     file: FileIO | None = None
 
-    def append(self, one: Finished) -> None:
+    def append(self, one: Line) -> None:
         """Write one line at once.
 
         Raises
@@ -78,10 +97,10 @@ class Manifest:
 
 
 @contextmanager
-def opened_manifest(path: Path, key: str) -> Iterator[Manifest]:
-    """The manifest of this file; begun anew if it is of other inputs or settings.
+def opened_manifest(path: Path, key: str, kind: type[Line]) -> Iterator[Manifest[Line]]:
+    """The manifest of this file; begun anew if it is of other inputs, settings or `kind` of lines.
 
-    A file without a finished frame is removed at the end.
+    A file without finished work is removed at the end.
 
     Raises
     ------
@@ -90,7 +109,7 @@ def opened_manifest(path: Path, key: str) -> Iterator[Manifest]:
     """
     with _reported(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        finished, size = _read(path, key)
+        finished, size = _read(path, key, kind)
         file = path.open("ab", buffering=0)
     manifest = Manifest(finished, path, file)
     try:
@@ -110,9 +129,9 @@ def _head(key: str) -> bytes:
     return f"{json.dumps({'key': key})}\n".encode()
 
 
-def _read(path: Path, key: str) -> tuple[list[Finished], int]:
+def _read(path: Path, key: str, kind: type[Line]) -> tuple[list[Line], int]:
     """The whole lines of a manifest with this key, and their size in bytes; 0 if there is none."""
-    finished = list[Finished]()
+    finished = list[Line]()
     if not path.exists():
         return finished, 0
     head, *lines = path.read_bytes().splitlines(keepends=True) or [b""]
@@ -121,18 +140,18 @@ def _read(path: Path, key: str) -> tuple[list[Finished], int]:
     size = len(head)
     with suppress(ValueError):
         for line in lines:
-            finished.append(_parsed(line))
+            finished.append(_parsed(line, kind))
             size += len(line)
     return finished, size
 
 
-def _parsed(line: bytes) -> Finished:
+def _parsed(line: bytes, kind: type[Line]) -> Line:
     """The content of a line; ValueError if it was cut off, or is not what was written."""
     size = len(_checksum(b""))
     begin, text, end = line[:size], line[size:-1], line[-1:]
     if end != b"\n" or begin != _checksum(text):
         raise ValueError("the line is damaged")
-    one: Finished = parse_json(text.decode(), Finished)
+    one: Line = parse_json(text.decode(), kind)
     return one
 
 
@@ -159,7 +178,7 @@ def key_of(paths: Iterable[Path], settings: Mapping[str, Any]) -> str:
     digest = hashlib.sha256(known.encode())
     for path in paths:
         size = path.stat().st_size
-        digest.update(f"{path.name}:{size};".encode())
+        digest.update(os.fsencode(f"{path.name}:{size};"))
         with path.open("rb") as file:
             digest.update(file.read(_HASHED_BYTES))
             file.seek(max(size - _HASHED_BYTES, 0))

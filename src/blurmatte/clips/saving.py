@@ -159,7 +159,7 @@ class ClipReport:
 class _Work:
     """Progress of one run."""
 
-    manifest: Manifest
+    manifest: Manifest[Finished]
     rows: list[FrameMotion] = field(default_factory=list)
     records: list[FrameRecord] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
@@ -209,7 +209,7 @@ def save_clip(
     """
     folder, begun = Path(folder), time.monotonic()
     run = replace(run, frames=run.frames.for_plate(run.plate))
-    with opened_manifest(folder / NAME, run.key) as manifest:
+    with opened_manifest(folder / NAME, run.key, Finished) as manifest:
         work = _Work(manifest)
         found, numbers = shots_of(run.frames, workers), run.frames.frame_numbers
         shots = [shot.numbered(numbers) for shot in found]

@@ -1,13 +1,15 @@
-"""FrameRecord: a row of the table of a solved clip."""
+"""Rows of the tables of a solved clip, FrameRecord, and of a solved row of pictures, PictureRecord."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+import math
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from blurmatte.checks import Box
+from blurmatte.errors import MotionError
 from blurmatte.matting import Solution
-from blurmatte.motion import FrameMotion
+from blurmatte.motion import FrameMotion, measure_motion
 
 
 @dataclass(frozen=True)
@@ -95,3 +97,76 @@ class FrameRecord:
         box = row.pop("box")
         names = ("x0", "y0", "x1", "y1")
         return row | dict(zip(names, box or (None,) * 4, strict=True))
+
+
+@dataclass(frozen=True)
+class PictureRecord:
+    """What was found in one picture of a row, or why nothing was.
+
+    Parameters
+    ----------
+    picture : str
+        Its file, as it was given.
+    folder : str
+        Of its results, in that of the row; "" if it was refused.
+    grade : str
+        Of the solution; "" if it has none.
+    alpha_error : float or None
+        Its calibrated error of alpha.
+    sum_alpha, sum_alpha_std : float or None
+        Pixels.
+    radius, radius_std, length, length_std : float or None
+        Of the object and of its path, pixels; None if nothing can be measured.
+    angle, angle_std : float or None
+        Direction of the motion, degrees, as `measure_motion` gives it.
+    color : str
+        sRGB-coded.
+    reason : str
+        Why it was refused.
+    """
+
+    picture: str = ""
+    folder: str = ""
+    grade: str = ""
+    alpha_error: float | None = None
+    sum_alpha: float | None = None
+    sum_alpha_std: float | None = None
+    radius: float | None = None
+    radius_std: float | None = None
+    length: float | None = None
+    length_std: float | None = None
+    angle: float | None = None
+    angle_std: float | None = None
+    color: str = ""
+    reason: str = ""
+
+    @classmethod
+    def of(cls, solution: Solution) -> PictureRecord:
+        """The record of a solution, without the names of files."""
+        stats = solution.stats
+        record = cls(
+            grade=str(solution.grade) if "grade" in stats else "",
+            alpha_error=stats.get("alpha_error"),
+            sum_alpha=stats.get("sum_alpha"),
+            sum_alpha_std=stats.get("sum_alpha_std"),
+            color="" if solution.model.rank == 3 else " + ".join(solution.model.hex),
+        )
+        try:
+            motion = measure_motion(solution)
+        except MotionError:  # alpha may be nothing, or unknown everywhere
+            return record
+        angle, std = math.degrees(motion.angle), math.degrees(motion.angle_std)
+        return replace(
+            record,
+            radius=_finite(motion.radius),
+            radius_std=_finite(motion.radius_std),
+            length=_finite(motion.length),
+            length_std=_finite(motion.length_std),
+            angle=_finite(angle),
+            angle_std=_finite(std),
+        )
+
+
+def _finite(value: float) -> float | None:
+    """The value; None stands for what is not finite."""
+    return float(value) if math.isfinite(value) else None

@@ -168,6 +168,7 @@ class _Stats:
     readout: Direction = "down"
     streak_box: _Box | None = None
     other_boxes: tuple[_Box, ...] = ()
+    insignificant_others: Annotated[int, numbers(0, MAX_SUM, whole=True)] = 0
     image_noise: NOISE | _MedianStd | None = None
     plate_noise: NOISE | _MedianStd | None = None
     match: _Match | None = None

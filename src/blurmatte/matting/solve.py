@@ -230,7 +230,8 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     stats = {
         **streak_summary(maps, case.model, image, plate, streak),
         "streak_box": streak.box,
-        "other_boxes": tuple(other.box for other in others),
+        "other_boxes": tuple(other.box for other in others if other.significant),
+        "insignificant_others": sum(not other.significant for other in others),
         "image_noise": noise_summary(image),
         "plate_noise": noise_summary(plate),
         "match": {**case.pictures.match.facts, "agreement": agrees, "edge_agreement": at_edges},

@@ -150,11 +150,17 @@ def mean_score(scores: Sequence[Score]) -> Score:
 
 
 def score_table(scores: Mapping[str, Score]) -> str:
-    """Table of scores by scene, with their mean; a dash for a metric that is None."""
+    """Table of scores by scene, with their means and the standard errors of these.
+
+    A dash stands for a metric that is None. A standard error is the standard deviation of the metric
+    over the scenes, divided by the square root of their number.
+    """
     rows = [["scene", *_HEADINGS]]
     rows += [[name, *_cells(s)] for name, s in scores.items()]
     if len(scores) > 1:
-        rows.append(["mean", *_cells(mean_score(list(scores.values())))])
+        every = list(scores.values())
+        rows.append(["mean", *_cells(mean_score(every))])
+        rows.append(["std error", *(_error_cell(name, every) for name in _HEADINGS.values())])
     shown = [i for i in range(len(rows[0])) if any(row[i] != "-" for row in rows[1:])]
     widths = {i: max(len(row[i]) for row in rows) for i in shown}
     return "\n".join(
@@ -181,12 +187,25 @@ def _cell(value: float | bool | None) -> str:
     return f"{value:.4g}"
 
 
+def _error_cell(name: str, scores: Sequence[Score]) -> str:
+    """The standard error of the mean of a metric; a dash unless two scenes have finite values."""
+    values = [] if name == "answered" else _averaged(name, scores)
+    if len(values) < 2 or not np.isfinite(values).all():
+        return "-"
+    return f"{np.std(values, ddof=1) / np.sqrt(len(values)):.2g}"
+
+
 def _mean(name: str, scores: Sequence[Score]) -> float | None:
+    values = _averaged(name, scores)
+    return float(np.sum(values)) / len(values) if values else None
+
+
+def _averaged(name: str, scores: Sequence[Score]) -> list[float]:
+    """The values of a metric that make up its mean; none if no scene has it."""
     values = [getattr(s, name) for s in scores]
     known = [abs(v) if name == "alpha_sum_bias" else v for v in values if v is not None]
-    if not known:
-        return None
-    return float(np.sum(known)) / (len(values) if name == "trajectory_iou" else len(known))
+    missing = len(values) - len(known) if known and name == "trajectory_iou" else 0
+    return known + [0.0] * missing
 
 
 def _color_distance(layer: Layer, true: Layer) -> ColorDistance | None:

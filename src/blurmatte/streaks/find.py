@@ -10,6 +10,7 @@ from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks.evidence import StreakSettings, evidence, light_change
+from blurmatte.streaks.false_alarms import expected_false
 from blurmatte.streaks.in_line import join_in_line
 from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
 from blurmatte.streaks.outliers import without_outliers
@@ -58,9 +59,16 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
             cells = np.zeros(T.shape, bool)
             cells[place] = part
             parts.append(cells)
+    parts = join_in_line(parts, T)
+    expected = expected_false(T, parts) if len(parts) > 1 else [0.0] * len(parts)
     streaks = [
-        Streak(_to_pixels(part, cell, image.valid.shape), evidence=float(T[part].sum()), cell=cell)
-        for part in join_in_line(parts, T)
+        Streak(
+            _to_pixels(part, cell, image.valid.shape),
+            evidence=float(T[part].sum()),
+            cell=cell,
+            expected_false=false,
+        )
+        for part, false in zip(parts, expected, strict=True)
     ]
     return sorted(streaks, key=lambda streak: -streak.evidence)
 

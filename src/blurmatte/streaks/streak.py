@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.checks import Bools, Box, as_array, check_kind, check_map
+from blurmatte.streaks.false_alarms import MAX_EXPECTED
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,6 +23,9 @@ class Streak:
     cell : int
         Width of the cells in which it was found, pixels; the mask is a few cells wider than the object.
         1 if the region was given.
+    expected_false : float
+        How many streaks with as large a test statistic noise or compression yield in such a picture;
+        0 if the region was given, or nothing else moved.
 
     Raises
     ------
@@ -33,6 +37,7 @@ class Streak:
     box: Box = (0, 0, 0, 0)
     evidence: float = float("nan")
     cell: int = 1
+    expected_false: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mask", as_array("mask", self.mask))
@@ -48,6 +53,11 @@ class Streak:
         x0, y0, x1, y1 = self.box
         area = int(np.count_nonzero(self.mask))
         return f"Streak({x1 - x0}x{y1 - y0} at {x0},{y0}, {area} pixels)"
+
+    @property
+    def significant(self) -> bool:
+        """Whether noise or compression of the picture is unlikely to yield it."""
+        return self.expected_false < MAX_EXPECTED
 
     @classmethod
     def from_box(cls, box: Box, size: tuple[int, int]) -> "Streak":
