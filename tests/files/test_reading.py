@@ -125,6 +125,20 @@ def test_pixels_that_are_not_square_are_refused(tmp_path, ramp, name, unit, x, y
         read(tmp_path / name)
 
 
+def test_bytes_between_segments_of_a_jpeg_with_a_gain_map_are_an_error(tmp_path, ramp, capfd):
+    """Door: one clear message, and nothing that a library prints."""
+    path, space = tmp_path / "a.jpg", b"http://ns.adobe.com/hdr-gain-map/1.0/"
+    xmp = b'<rdf:Description xmlns:hdrgm="' + space + b'" hdrgm:Version="1.0"/>'
+    Image.fromarray(ramp).save(path, xmp=xmp)
+    read(path, transfer=SRGB)
+    data = path.read_bytes()
+    at = data.index(b"\xff\xdb")  # of the first quantization table
+    path.write_bytes(data[:at] + b"lost" + data[at:])
+    with pytest.raises(FileError, match="no marker where a segment ends"):
+        read(path, transfer=SRGB)
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif"])
 @pytest.mark.parametrize(("unit", "x", "y"), [(1, 72, 72), (0, 1, 1), (0, 0, 64), (1, 0, 0)])
 def test_square_and_meaningless_densities_are_accepted(tmp_path, ramp, name, unit, x, y):

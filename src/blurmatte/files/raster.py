@@ -34,7 +34,7 @@ from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbe
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import BMP, EXR, JPEG, PNG, RAW, TIFF, Format
-from blurmatte.jpeg import metadata_segments
+from blurmatte.jpeg import JpegError, check_header, metadata_segments
 
 # Other attributes are not read: they may hold text in an unknown encoding.
 _TAGS = (
@@ -148,6 +148,11 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
     if png is not None:
         check_size(path, png.size, max_pixels)
         check_png(path, png)
+    if form is JPEG:
+        try:  # of a file with a gain map, a library in OpenImageIO prints this error
+            check_header(path.read_bytes())
+        except JpegError as error:
+            raise damaged(path, form, ["no marker where a segment ends"]) from error
     try:
         page, pixels, kept, tags, spec = _stored(path, form, max_pixels, names)
     except UnicodeDecodeError as error:

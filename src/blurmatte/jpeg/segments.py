@@ -5,6 +5,8 @@ next marker. Coefficients are in zigzag order.
 """
 
 import struct
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
 
@@ -218,18 +220,31 @@ def decoding_table(counts: bytes, symbols: bytes) -> Table:
 def metadata_segments(data: bytes) -> list[bytes]:
     """The APPn and COM segments before the first scan, up to the first invalid segment."""
     found: list[bytes] = []
-    at = 2
-    try:
-        while True:
-            marker, at = _marker(data, at)
-            end = at + int.from_bytes(data[at : at + 2])
-            if marker in (Marker.SOS, Marker.EOI) or end < at + 2:
-                return found
+    with suppress(JpegError):
+        for marker, body in _before_scan(data):
             if _is_metadata(marker):
-                found.append(struct.pack(">BB", 0xFF, marker) + data[at:end])
-            at = end
-    except JpegError:
-        return found
+                found.append(struct.pack(">BB", 0xFF, marker) + body)
+    return found
+
+
+def check_header(data: bytes) -> None:
+    """Raise JpegError if anything but segments precedes the first scan."""
+    for _ in _before_scan(data):
+        pass
+
+
+def _before_scan(data: bytes) -> Iterator[tuple[int, bytes]]:
+    """Markers before the first scan, and what follows each, with its length."""
+    at = 2
+    while True:
+        marker, at = _marker(data, at)
+        if marker in (Marker.SOS, Marker.EOI):
+            return
+        end = at + int.from_bytes(data[at : at + 2])
+        if end < at + 2:
+            raise JpegError("the JPEG is damaged (a segment has no length)")
+        yield marker, data[at:end]
+        at = end
 
 
 def is_rgb(metadata: list[bytes] | tuple[bytes, ...], components: tuple[Component, ...]) -> bool:

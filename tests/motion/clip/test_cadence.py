@@ -10,7 +10,7 @@ import blurmatte as bm
 from blurmatte.motion.clip.cadence import Cadence
 
 
-def linked(places, std=0.1, seed=1, repeats=()):
+def linked(places, std=0.1, seed=1, repeats=(), rate=30, times=None):
     """Rows of a disc at these places; repeated frames have the same errors but for coding."""
     rng, frames, before = np.random.default_rng(seed), [], None
     for k, place in enumerate(np.asarray(places, float)):
@@ -19,7 +19,8 @@ def linked(places, std=0.1, seed=1, repeats=()):
             error = before + rng.normal(0, std / 5, 2)
         before = error
         one = replace(sighting(place + error, np.array([3.0, 0]), 1.0), x_std=std, y_std=std)
-        frames.append(bm.FrameSightings(k, k / 30, (one,)))
+        time = k / rate if times is None else times(k)
+        frames.append(bm.FrameSightings(k, time, (one,)))
     return bm.link_sightings(frames)
 
 
@@ -40,6 +41,45 @@ def test_repeated_frames_of_a_conversion_are_found_and_not_used():
     assert found.words[0].startswith("Frames 4, 9, 14 … repeat the one before (6 in all)")
     doubted = [row.frame for row in rows if row.sighting and "repeats" in row.sighting.doubts]
     assert tuple(doubted) == expected
+
+
+@pytest.mark.parametrize(("shown", "rate"), [((1, 1, 1, 2), 30), ((1, 2), 36)])
+def test_captures_of_a_converted_clip_are_equally_spaced(shown, rate):
+    """Honest: a fall at 24 frames a second, stored at 30 or 36; times are those of the captures."""
+    numbers = np.repeat(np.arange(24), np.resize(shown, 24))
+    repeats = np.flatnonzero(np.diff(numbers, prepend=-1) == 0)
+    rows = linked(captured(numbers), std=0.05, repeats=repeats, rate=rate)
+    kept = [row for row in rows if row.frame not in repeats]
+    assert np.diff([row.time for row in kept]) == pytest.approx(1 / 24, rel=0.01)
+    assert [row.time for row in rows] == sorted(row.time for row in rows)
+    fall = bm.fit_fall(rows)
+    ay = 0.1 * 24**2
+    std = fall.acceleration_covariance[1, 1] ** 0.5
+    assert abs(fall.acceleration[1] - ay) < 3 * std < 0.05 * ay
+    assert fall.overscatter < 1.5
+    assert max(row.place_scatter for row in rows) < 1.5
+    assert "equally spaced in time" in Cadence.stated(rows).words[0]
+
+
+def test_times_of_a_recorder_that_stopped_are_kept():
+    """Exact: frame 9 repeats frame 8 instead of the next capture."""
+    numbers = np.arange(20)
+    numbers[9] = 8
+    rows = linked(captured(numbers), repeats=(9,))
+    assert [row.time for row in rows] == [k / 30 for k in range(20)]
+    assert Cadence.stated(rows).jumps == ((9, 10, 2),)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
+def test_short_tracks_equal_times_and_exact_places_are_linked(count):
+    """Door: no number overflows, is divided by zero, or is the root of a negative one."""
+    numbers = np.arange(count) // 2
+    odd_times = (lambda k: 0.0), (lambda k: float(k // 2)), (lambda k: 1e6 * (k > 3) + k)
+    for scale, std, times in zip((1.0, 1e4, 1e-6), (0.0, 1e-9, 10.0), odd_times, strict=True):
+        rows = linked(scale * captured(numbers), std=std, repeats=numbers, times=times)
+        places = [row.sighting.place for row in rows if row.sighting]
+        assert len(places) == count
+        assert np.isfinite(places).all()
 
 
 @pytest.mark.parametrize(("lost", "words"), [(1, "twice"), (2, "three times")])

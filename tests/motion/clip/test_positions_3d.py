@@ -8,10 +8,12 @@ from numpy.testing import assert_allclose
 
 import blurmatte as bm
 from blurmatte.checks import DIRECTIONS
+from blurmatte.motion.clip import balls
 from blurmatte.motion.picture.error_budget import Source
 from blurmatte.motion.space.ball_motion import ball_motion
 from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
 from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry.coded import coded
 from blurmatte.rendering import colorful_plate, render_flight
 
 LENS = bm.Intrinsics(900, 905, 640, 360, np.array([-0.1, 0.02, 1e-3, 0]))
@@ -206,3 +208,28 @@ def test_invalid_input_is_rejected():
         ValueError, match="calibrated with pictures of 1280x720 pixels, and this has 6x4"
     ):
         list(bm.fit_balls([image], image, rows, bm.ColorModel.any(), other, RADIUS))
+
+
+class Damaged(list):
+    """Frames of a clip, of which number 1 cannot be decoded."""
+
+    numbers, times = range(3), None
+    as_codes = coding_errors = parts = None
+
+    def coded(self, which):
+        return (coded(n, self[n]) for n in (0, 2))
+
+
+def test_balls_belong_to_the_rows_of_their_frames(monkeypatch):
+    """Exact: a frame in the middle that cannot be decoded shifts no others."""
+    size = 40, 30
+    known = NoiseModel(read_std=0.003)
+    frames = Damaged(LinearImage(np.full((30, 40, 3), 0.1 * k), noise=known) for k in range(3))
+    seen = replace(sighting(20, 15, 5), source="sweep")
+    rows = [row(k, k / 30, seen if k != 1 else None) for k in range(3)]
+    monkeypatch.setattr(balls, "fit_ball", lambda image, *_, **__: float(image.rgb.mean()))
+    model = bm.ColorModel.from_samples([0.8, 0.3, 0.1], std=0)
+    lens = bm.Intrinsics(60, 60, 20, 15, size=size)
+    empty = LinearImage(np.full((30, 40, 3), 0.1), noise=known)
+    found = list(bm.fit_balls(frames, empty, rows, model, lens, 0.02))
+    assert found == [pytest.approx(0.0), None, pytest.approx(0.2)]

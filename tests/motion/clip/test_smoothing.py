@@ -56,6 +56,19 @@ def test_too_few_measurements_determine_nothing():
     assert not Estimate.of(rows.left_out(0.1)).known.any()
 
 
+@pytest.mark.parametrize("gap", [1.0, 1e3, 1e6])
+@pytest.mark.parametrize("intensity", [1e-8, 1.0, 1e4])
+def test_information_is_never_negative(gap, intensity):
+    """Exact: after a long gap, and of exact positions that follow an uneven curve."""
+    times = TIMES + gap * (np.arange(len(TIMES)) > 3)
+    y = np.stack([1e5 * np.cos(TIMES), np.zeros(len(TIMES))], axis=1)
+    H = measured(np.random.default_rng(0)).H
+    W = np.tile(np.diag([1e6, 0.0]), (len(TIMES), 1, 1))
+    L, _ = Measurements(times, H, y, W, 1).left_out(intensity)
+    assert np.diagonal(L, axis1=1, axis2=2).min() >= 0
+    assert np.linalg.eigvalsh(L).min() > -1e-12 * np.abs(L).max()
+
+
 def test_each_side_is_what_the_other_lacks():
     """Invariant: information of both sides together is that of all."""
     rows = measured(np.random.default_rng(0))

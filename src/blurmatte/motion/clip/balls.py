@@ -18,6 +18,7 @@ from blurmatte.motion.picture.error_budget import check_with_std
 from blurmatte.motion.space.ball import fit_ball
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.radiometry.coded import CodedSequence, each_coded
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
@@ -81,7 +82,7 @@ def fit_balls(
         tuple(row.sighting for row in group) for _, group in groupby(rows, lambda row: row.frame)
     )
     with shared(workers) as processes:
-        tasks = zip(frames, by_frame, strict=False)
+        tasks = zip(_each(frames), by_frame, strict=False)
         yield from chain.from_iterable(processes.in_order(fit, tasks))
 
 
@@ -96,9 +97,9 @@ class _Fit:
     radius: tuple[float, float]
 
     def __call__(
-        self, frame: LinearImage, found: Sequence[Sighting | None]
+        self, frame: LinearImage | None, found: Sequence[Sighting | None]
     ) -> list[BallMotion | None]:
-        if self.model.rank == 3 or not any(map(_may_be_ball, found)):
+        if frame is None or self.model.rank == 3 or not any(map(_may_be_ball, found)):
             return [None] * len(found)
         image = with_default_noise(frame, self.noise)
         plate = plate_in_light_of(self.plate, image)
@@ -123,6 +124,15 @@ class _Fit:
             return fit_ball(image, plate, self.intrinsics, radius, radius_std=std, sweep=start)
         except BlurmatteError:
             return None
+
+
+def _each(frames: Sequence[LinearImage]) -> Iterator[LinearImage | None]:
+    """Each of the frames, in order; None for one that cannot be decoded."""
+    if not isinstance(frames, CodedSequence):
+        yield from frames
+        return
+    for frame in each_coded(frames):
+        yield None if frame is None else frame.light()
 
 
 def _may_be_ball(one: Sighting | None) -> bool:

@@ -2,6 +2,11 @@
 
 A clip that was converted to another rate, or whose recording skipped, shows an object at rest from one
 frame to the next, or that it moved several times as far, while its motion before and after is steady.
+
+A conversion to a higher rate shows some captures in two frames or more. The time stamp of a frame is
+then up to one interval later than the capture, while captures are equally spaced. A recorder that
+stops for a moment repeats a frame instead of the next captures: the object moves several times as far
+after it, and time stamps are right.
 """
 
 from __future__ import annotations
@@ -14,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
+from blurmatte.motion.clip.smoothing import SmoothingSettings
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 
 Array = npt.NDArray[np.float64]
@@ -23,6 +29,7 @@ _NEIGHBORS = 4  # rows before and after a step, from which it is predicted
 _MIN_STEP_STD = 0.25  # of the predicted step, relative: its speed changes
 _MIN_STEPS = 3.0  # the predicted step over its error: less is no steady motion
 _MAX_FACTOR = 6  # of a step to its prediction: of larger ones the track is lost
+_MIN_CAPTURES = 3  # that determine a line and show that it is one
 _MAX_LISTED = 3  # frames in a sentence
 _FACTORS = {2: "twice", 3: "three times", 4: "four times", 5: "five times", 6: "six times"}
 
@@ -73,14 +80,27 @@ class Cadence:
         return cls(tuple(sorted(repeated)), tuple(sorted(jumps)))
 
     @property
+    def is_converted(self) -> bool:
+        """Whether frames repeat others without being in the place of missing ones."""
+        return bool(set(self.repeated) - {before for before, _, _ in self.jumps})
+
+    def captures(self, frames: npt.ArrayLike) -> Array:
+        """Number of the capture that each frame shows, counted from any one."""
+        numbers = np.asarray(frames, float)
+        lost = [(after, n - 1) for before, after, n in self.jumps if before in self.repeated]
+        added = [(frame, -1) for frame in self.repeated] + lost
+        return np.asarray(numbers + sum(n * (numbers >= frame) for frame, n in added))
+
+    @property
     def words(self) -> list[str]:
         """Sentences."""
         said = []
         if self.repeated:
             frames, verb = ("Frame", "repeats") if len(self.repeated) == 1 else ("Frames", "repeat")
+            spaced = "; the others are taken as equally spaced in time" * self.is_converted
             said.append(
                 f"{frames} {_listed(self.repeated)} {verb} the one before ({len(self.repeated)} in "
-                "all): not used for the motion."
+                f"all): not used for the motion{spaced}."
             )
         for before, after, factor in self.jumps[:_MAX_LISTED]:
             said.append(
@@ -107,12 +127,44 @@ def doubting_repeats(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     ]
 
 
+def at_captures(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
+    """The rows with times of captures, if frames repeat others because the rate was converted.
+
+    These are equally spaced: a line through the time stamps of the frames that are no repeats.
+    """
+    cadence = Cadence.stated(rows)
+    seen = {row.frame: row.time for row in rows if row.sighting and row.time is not None}
+    kept = {frame: time for frame, time in seen.items() if frame not in cadence.repeated}
+    if not cadence.is_converted or len(kept) < _MIN_CAPTURES:
+        return list(rows)
+    interval, start = _line(cadence.captures(list(kept)), np.array(list(kept.values())))
+    times = {frame: float(start + interval * cadence.captures(frame)) for frame in seen}
+    return [replace(row, time=times.get(row.frame, row.time)) for row in rows]
+
+
+def _line(x: Array, y: Array) -> tuple[float, float]:
+    """Slope and intercept of the line with the least largest distance from points (n,).
+
+    Time stamps are late by any part of an interval, in a pattern: the largest distance is bounded, and
+    a mean would depend on where the pattern ends.
+    """
+    from scipy.optimize import linprog
+
+    y0, scale = float(y[0]), float(np.ptp(y)) or 1.0
+    one = np.ones(len(x))
+    A = np.block([[np.stack([x, one, -one], 1)], [np.stack([-x, -one, -one], 1)]])
+    b = np.concatenate([y - y0, y0 - y]) / scale
+    found = linprog((0, 0, 1), A, b, bounds=((None, None), (None, None), (0, None)))
+    slope, intercept, _ = found.x * scale
+    return float(slope), float(intercept + y0)
+
+
 def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
     """From each row to the next: how many times the predicted step it is; 1 if that is not decided."""
     seen = [row.stated for row in rows]
     places = np.array([one.place for one in seen if one is not None]).reshape(-1, 2)
     errors = [one.covariance for one in seen if one is not None]
-    found = []
+    found, least = [], SmoothingSettings.min_std_px**2 * np.eye(2)
     for k in range(1, len(rows)):
         before, after = slice(max(k - _NEIGHBORS, 0), k), slice(k, k + _NEIGHBORS)
         predicted = _predicted(places, times, before, after)
@@ -120,7 +172,7 @@ def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
         if predicted is not None:
             step, std = predicted
             span = times[k] - times[k - 1]
-            S = errors[k] + errors[k - 1]
+            S = errors[k] + errors[k - 1] + least
             factor = _factor(places[k] - places[k - 1], S, span * step, span * std)
         found.append(factor)
     return found
@@ -132,10 +184,10 @@ def _predicted(
     """Velocity at a step from the rows on both sides, per interval, and its error in each axis."""
     sides = []
     for side in (before, after):
-        some, when = places[side], times[side]
-        if len(some) > 1:
+        steps, spans = np.diff(places[side], axis=0), np.diff(times[side])
+        if np.any(spans > 0):
             # The median of the steps: one of them may be a repeat or a jump.
-            sides.append(np.median(np.diff(some, axis=0) / np.diff(when)[:, None], axis=0))
+            sides.append(np.median(steps[spans > 0] / spans[spans > 0, None], axis=0))
     if not sides:
         return None
     velocity = (sides[0] + sides[-1]) / 2

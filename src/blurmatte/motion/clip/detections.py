@@ -245,7 +245,7 @@ def in_intervals(rows: Sequence[FrameSightings] | Sequence[FrameMotion]) -> list
         return numbers
     times = np.array(list(known.values()))
     interval = float(np.median(np.diff(times) / np.diff(list(known))))
-    if not interval > 0:
+    if not interval > 0 or np.diff(times).min() < 0:  # these are no times of successive frames
         return numbers
     # Rounded, so that the frames of a constant rate have whole numbers.
     return [round((known[row.frame] - times[0]) / interval, 6) for row in rows]

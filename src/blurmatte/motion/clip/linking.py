@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import check_kind
-from blurmatte.motion.clip.cadence import doubting_repeats, is_repeat
+from blurmatte.motion.clip.cadence import at_captures, doubting_repeats, is_repeat
 from blurmatte.motion.clip.clip_path import ClipPath
 from blurmatte.motion.clip.clip_radius import ClipRadius
 from blurmatte.motion.clip.detections import (
@@ -144,11 +144,16 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     and the radius of the clip.
     """
     compared = list(rows)
-    for number in {row.object for row in rows}:
-        of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
-        mine = doubting_repeats([compared[k] for k in of])
-        for k, row in zip(of, mine, strict=True):
+    numbers: dict[int | None, list[int]] = {}
+    for k, row in enumerate(rows):
+        if row.sighting:
+            numbers.setdefault(row.object, []).append(k)
+    for of in numbers.values():
+        for k, row in zip(of, doubting_repeats([compared[k] for k in of]), strict=True):
             compared[k] = row
+    compared = at_captures(compared)
+    for of in numbers.values():
+        mine = [compared[k] for k in of]
         path = ClipPath.of(mine, comparable_rows(mine))
         _doubt(compared, of, {k: path.doubt(k) for k in np.flatnonzero(path.contradicts).tolist()})
         size = ClipRadius.of([compared[k] for k in of])

@@ -110,11 +110,18 @@ class Measurements:
         L, v = self.information
         return Estimate.of(before), Estimate.of((after[0] + L, after[1] + v))
 
+    @property
+    def _square_roots(self) -> tuple[Array, Array]:
+        """(n, m, s) S with SᵀS = Λ, and (n, m) z with Sᵀz = η."""
+        values, vectors = np.linalg.eigh(self.weights)
+        W = np.sqrt(np.maximum(values, 0))[:, :, None] * vectors.swapaxes(1, 2)
+        return W @ self.H, np.einsum("kmn,kn->km", W, self.y)
+
     def _carried(self, intensity: float) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Information at each time from those before it, and from those after it."""
-        L, v = self.information
-        before = _carried(self.times, L, v, intensity, self.axes)
-        after = _carried(-self.times[::-1], L[::-1], v[::-1], intensity, self.axes, -1)
+        S, z = self._square_roots
+        before = _carried(self.times, S, z, intensity, self.axes)
+        after = _carried(-self.times[::-1], S[::-1], z[::-1], intensity, self.axes, -1)
         return before, (after[0][::-1], after[1][::-1])
 
 
@@ -135,7 +142,7 @@ class Estimate:
     def of(cls, information: tuple[Array, Array]) -> "Estimate":
         """From information."""
         L, v = information
-        scale = np.sqrt(np.diagonal(L, axis1=1, axis2=2))
+        scale = np.sqrt(np.diagonal(L, axis1=1, axis2=2))  # sums of squares
         known = np.all(np.isfinite(scale) & (scale > 0), axis=1)
         mean, covariance = np.full(v.shape, np.nan), np.full(L.shape, np.nan)
         both = scale[:, :, None] * scale[:, None]
@@ -174,20 +181,29 @@ def diffusion(step: float, order: int, axes: int) -> Array:
     return np.asarray(np.kron(Q, np.eye(axes)), float)
 
 
+@lru_cache(maxsize=1024)
+def _diffusion_root(step: float, order: int, axes: int) -> Array:
+    """G with G Gᵀ = Cov w for q = 1, (p a, p a): that of a unit step, scaled."""
+    root = np.linalg.cholesky(diffusion(1.0, order, axes))
+    powers = np.repeat(step ** (order - np.arange(order) - 0.5), axes)
+    return np.asarray(powers[:, None] * root)
+
+
 def _carried(
-    times: Array, L: Array, v: Array, intensity: float, axes: int, sign: int = 1
+    times: Array, S: Array, z: Array, intensity: float, axes: int, sign: int = 1
 ) -> tuple[Array, Array]:
     """Information at each time from the measurements before it; `sign` −1 if time runs backwards."""
     from blurmatte.motion.clip.smoothing_kernel import carry  # numba takes half a second
 
-    order = L.shape[1] // axes
+    n, _, s = S.shape
+    order = s // axes
     flip = np.repeat(float(sign) ** np.arange(order), axes)  # odd derivatives change sign
-    flipped, steps = np.outer(flip, flip), np.diff(times, prepend=times[:1]).tolist()
-    inverses = np.array([transition(-step, order, axes) for step in steps]).reshape(L.shape)
-    diffusions = np.array([diffusion(step, order, axes) for step in steps]).reshape(L.shape)
-    before_L, before_v = np.zeros_like(L), np.zeros_like(v)
-    carry(flipped * L, flip * v, intensity, inverses, diffusions, before_L, before_v)
-    return flipped * before_L, flip * before_v
+    steps = np.diff(times, prepend=times[:1]).tolist()
+    inverses = np.array([transition(-step, order, axes) for step in steps]).reshape(n, s, s)
+    roots = np.array([_diffusion_root(step, order, axes) for step in steps]).reshape(n, s, s)
+    L, v = np.zeros((n, s, s)), np.zeros((n, s))
+    carry(flip * S, np.ascontiguousarray(z), intensity, inverses, roots, L, v)
+    return np.outer(flip, flip) * L, flip * v
 
 
 def student_cost(chi2: Array, logs: Array, freedom: Array) -> float:
