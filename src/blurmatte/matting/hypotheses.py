@@ -132,10 +132,10 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     box, best = found.box, found.best
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
-    terms = error_terms(average, found.estimates, found.summaries, diagnostics)
-    meta = case.image.meta
-    claim, compressed = claimed_error(average), meta.sharing is not None or meta.subsampled
-    average = calibrated(average, found.estimates, terms, compressed)
+    exact = case.is_exact
+    terms = error_terms(average, found.estimates, found.summaries, diagnostics, exact)
+    claim, compressed = claimed_error(average), case.is_compressed
+    average = calibrated(average, found.estimates, terms, compressed, exact)
     maps = case.closed_form(box, out)
     C, B, mixed = case.within(box)
     solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
