@@ -72,7 +72,9 @@ def calibrate(root: Path, limit: int | None, processes: int) -> Path:
         f"{parts[OWN]} of blurmatte's own renderer; PNG and phone JPEG; "
         "benchmarks/cycles/calibrate.py"
     )
-    _DATA.write_text(json.dumps(fit(samples, provenance), indent=2) + "\n", encoding="utf-8")
+    known = json.loads(_DATA.read_text(encoding="utf-8")) if _DATA.is_file() else {}
+    found = {**known, **fit(samples, provenance)}  # other factors are those of given_color.py
+    _DATA.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     return _DATA
 
 

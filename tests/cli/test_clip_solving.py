@@ -78,7 +78,9 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--region", "1,1,9,9", "--layers", "exr"), "a clip takes no --region"),
+        (("--solver", "shaded:in_shade.png", "--layers", "exr"), "needs one hex --color"),
+        (("--solver", "rough", "--layers", "exr"), "--solver must be auto, swept"),
+        (("--region", "9,9,1,1", "--layers", "exr"), "--region"),
         (("--color", "12,12"), "give --color as hex or a model file"),
         (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
         (("--table", "xlsx"), "--table must be csv or parquet"),
@@ -91,6 +93,22 @@ def test_options_that_do_not_fit_are_refused(shot, tmp_path, options, message):
     assert result.exit_code == 2
     assert message in result.stderr
     assert not (tmp_path / "o").exists()
+
+
+def test_a_clip_is_solved_inside_its_region_by_its_solver(shot, tmp_path):
+    """Frames whose ball is outside have no layer; another solver is another run."""
+    words = ("solve", shot / "f.####.exr", "--plate", shot / "plate.exr", "-o", tmp_path / "o")
+    words += ("--color", "#e9b45e", "--workers", "1", "--layers", "exr", "--region", "0,0,45,48")
+    first = run(*words, "--solver", "smooth")
+    assert first.exit_code == 0, first.stderr
+    layers = [p.name for p in (tmp_path / "o").glob("layer.*")]
+    assert "layer.001002.exr" in layers
+    assert "layer.001005.exr" not in layers
+    alpha = bm.read_layer(tmp_path / "o" / "layer.001002.exr").alpha
+    assert alpha[:, :45].max() > 0.3
+    assert not alpha[:, 45:].any()
+    other = run(*words, "--solver", "pixelwise")
+    assert "all were done" not in other.stdout
 
 
 def test_pictures_need_a_plate(shot, tmp_path):

@@ -63,6 +63,26 @@ def test_frames_that_mislead_are_outvoted():
     assert pooled_log_odds([], 0.1).tolist() == [0.0, 0.0]
 
 
+@pytest.mark.parametrize("solver", [bm.Smooth(), bm.Pixelwise(), bm.Swept()], ids=repr)
+def test_frames_are_solved_by_the_given_solver(pictures, truth, solver):
+    frames, plate = pictures
+    few = [frame.with_noise(bm.NoiseModel(read_std=NOISE)) for frame in frames[4:7]]
+    plate = plate.with_noise(bm.NoiseModel(read_std=1e-4))
+    solved = dict(bm.solve_clip(few, plate, COLOR_MODEL, solver=solver))
+    assert sorted(solved) == [0, 1, 2]
+    for k, solution in solved.items():
+        assert solution.solver == repr(solver)
+        inside = solution.streak & solution.known
+        off = (solution.alpha - truth[k + 4].alpha)[inside]
+        assert np.sqrt(np.mean(off**2)) < 2 * solution.stats["alpha_error"]
+
+
+def test_a_plate_in_shadow_is_refused_in_a_clip(pictures):
+    frames, plate = pictures
+    with pytest.raises(ValueError, match="the shadow moves with the object"):
+        next(bm.solve_clip(frames, plate, solver=bm.Shaded(plate=plate)))
+
+
 def test_multiplied_errors_have_their_grade(pictures):
     frames, plate = pictures
     solution = bm.solve(frames[5], plate, matching=bm.Matching.NONE)

@@ -16,6 +16,7 @@ from blurmatte.matting.calibration import (
     error_terms,
     grade_of,
     graded,
+    graded_alone,
     reasons,
 )
 from blurmatte.matting.maps import Grade
@@ -240,6 +241,41 @@ def test_errors_never_decrease_with_a_term(term, compressed):
         for t in (0.0, 0.5, 1.0, 2.0)
     ]
     assert np.all(np.diff(errors) >= 0)
+
+
+def test_an_exact_color_has_no_angle_and_a_smaller_error():
+    """exact: the same claim and disagreements, with the color given."""
+    one, other = disc(14, std=0.02), disc(13, std=0.02)
+    average, summaries = (
+        averaged([one, other], np.array([1.0, 0.0])),
+        [HypothesisSummary(w, 1, True, 1.0) for w in (1.0, 0.0)],
+    )
+    known = replace(PLAIN, color_angle_std=2.0)
+    free, exact = (
+        error_terms(average, [one, other], summaries, known, given) for given in (False, True)
+    )
+    assert exact == replace(free, color_angle=0.0) != free
+    errors = [
+        claimed_error(calibrated(average, [one, other], exact, False, given))
+        for given in (False, True)
+    ]
+    assert_allclose(errors[1] / errors[0], fitted_calibration().exact_color, rtol=0.05)
+    assert fitted_calibration().exact_color < 1
+
+
+@pytest.mark.parametrize("solver", ["Smooth", "Pixelwise"])
+@pytest.mark.parametrize("compressed", [False, True])
+def test_a_single_solver_has_its_own_factor(solver, compressed):
+    """exact: errors and grade from the claim; never less than the claim, less with a given color."""
+    one = disc(14, std=0.01, sum_std=0.0)
+    given, fitted = (graded_alone(one, solver, compressed, exact) for exact in (True, False))
+    name = COMPRESSED if compressed else UNCOMPRESSED
+    factor = fitted_calibration().solver_factor(solver, name, True)
+    assert given["claimed_error"] == pytest.approx(0.01)
+    assert given["alpha_error"] == pytest.approx(0.01 * factor)
+    assert 0.01 <= given["alpha_error"] <= fitted["alpha_error"]
+    assert given["grade"] is grade_of(given["alpha_error"], 0.0)
+    assert ("color" in fitted["grade_reasons"], "color" in given["grade_reasons"]) == (True, False)
 
 
 def test_each_class_of_files_has_its_own_factor():

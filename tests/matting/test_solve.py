@@ -19,7 +19,16 @@ from blurmatte.errors import (
     PlateWarning,
 )
 from blurmatte.files import read, read_frames
-from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Swept, solve
+from blurmatte.matting import (
+    Grade,
+    PixelMaps,
+    Pixelwise,
+    Quality,
+    Shaded,
+    Smooth,
+    Swept,
+    solve,
+)
 from blurmatte.matting.plate_check import _looks_swapped
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import (
@@ -387,6 +396,42 @@ def test_grade_is_that_of_the_claimed_error(answers):
         assert solution.stats["grade"] == solution.grade
         assert solution.grade is Grade.CONFIRMED or solution.stats["grade_reasons"]
     assert answers["tiles"][1].grade is Grade.CONFIRMED
+
+
+def small_ball(plate, jpeg=None):
+    """(truth, image, plate) of a ball in a small picture."""
+    ball = Ball(7.0, np.array([0.6, 0.12, 0.05]))
+    truth = render(Scene(plate, Trajectory.line((26, 30), (66, 40)), ball))
+    return truth, *Shot(truth.scene, Camera(code_std=1 / 255, jpeg_quality=jpeg)).photograph(truth)
+
+
+@pytest.mark.parametrize("jpeg", [None, 92])
+@pytest.mark.parametrize("kind", ["tiles", "plain"])
+def test_the_true_color_never_lowers_the_grade(kind, jpeg):
+    """Information does not widen the error, which still holds."""
+    plate = colorful_plate((96, 72), 3, tile=16)
+    if kind == "plain":
+        plate = plain_plate((96, 72), (0.3, 0.33, 0.36), 3)
+    truth, image, plate = small_ball(plate, jpeg)
+    free, given = solve(image, plate), solve(image, plate, truth.model)
+    order = list(Grade)  # the best first
+    assert order.index(given.grade) <= order.index(free.grade)
+    off = (given.alpha - truth.layer.alpha)[given.streak & given.known]
+    assert root_mean_square(off) < 2 * given.stats["alpha_error"]
+
+
+@pytest.mark.parametrize(
+    "solver", [Smooth(), Pixelwise(), Shaded(light=(0.6, 0.12, 0.05))], ids=repr
+)
+def test_every_solver_has_a_grade_that_its_error_deserves(solver):
+    truth, image, plate = small_ball(colorful_plate((96, 72), 3, tile=16))
+    solution = solve(image, plate, truth.model, solver)
+    off = (solution.alpha - truth.layer.alpha)[solution.streak & solution.known]
+    stats = solution.stats
+    assert root_mean_square(off) < 2 * stats["alpha_error"]
+    limit = {Grade.CONFIRMED: 0.02, Grade.PLAUSIBLE: 0.05}.get(solution.grade, np.inf)
+    assert stats["claimed_error"] <= stats["alpha_error"] <= limit
+    assert solution.grade is Grade.CONFIRMED or stats["grade_reasons"]
 
 
 def test_weights_are_of_all_hypotheses(answers):

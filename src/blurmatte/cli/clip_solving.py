@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
@@ -30,15 +30,16 @@ from blurmatte.cli.console import (
 from blurmatte.cli.output_checks import check_folder
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
-    CameraReading,
     Chosen,
     ColorOptions,
+    Selection,
     matching_of,
 )
 from blurmatte.formats import Writes, is_clip, written
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
+Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 _LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solution"
 
 
@@ -104,10 +105,10 @@ def solve_clip(
     images: list[str],
     plate: MaybePlate,
     out: Path,
-    colors: ColorOptions,
-    reading: CameraReading,
+    selection: Selection,
     options: ClipOptions,
     occluder: Path | None,
+    solver: Solver | None,
     required: bm.Grade | None,
     as_json: bool,
 ) -> None:
@@ -119,6 +120,7 @@ def solve_clip(
     folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
     check_folder(folder)
     return_freed_memory()
+    colors, reading = selection.colors, selection.reading
     with about(Path(images[0])):
         frames = reading.frames(images, options.frames)
         run = bm.ClipRun(
@@ -128,11 +130,12 @@ def solve_clip(
             _model(colors),
             options.several,
             _extension(out, options),
-            None if occluder is None else reading.mask("occluder", occluder, frames.size),
+            _ignored(selection, occluder, frames.size),
             f".{options.table or 'csv'}",
             shlex.join(["blurmatte", *sys.argv[1:]]),
             options.layers == "solution",
             options.rate,
+            solver,
         )
         with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
             report = _followed(bm.save_clip(run, folder, workers), len(frames))
@@ -140,6 +143,15 @@ def solve_clip(
         os.replace(folder / "layers.mov", out)
     _answer(report, folder, out, as_json)
     _check_grades(report, required)
+
+
+def _ignored(selection: Selection, occluder: Path | None, size: tuple[int, int]) -> Any:
+    """(H, W) bool: behind the occluder or outside the region, where no change counts; or None."""
+    hidden = None if occluder is None else selection.hidden(occluder, size)
+    region = selection.inside(size)
+    if region is None:
+        return hidden
+    return ~region.mask if hidden is None else hidden | ~region.mask
 
 
 def _extension(out: Path, options: ClipOptions) -> str:

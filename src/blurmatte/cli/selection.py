@@ -211,17 +211,9 @@ class Selection:
 
     def streak(self, image: bm.LinearImage, plate: bm.LinearImage) -> bm.Streak | None:
         """The pixels to solve; None: wherever something moved."""
-        if self.region is None:
-            return None
-        if is_mask(self.region):
-            inside = self.reading.mask("mask", Path(self.region), image.size)
-            if not inside.any():
-                raise ValueError(
-                    f"the mask {self.region} has no white pixel, or no opaque one if it has alpha; "
-                    "mark where the object moved"
-                )
-            return bm.Streak(inside)
-        within = bm.Streak.from_box(box("--region", self.region), image.size)
+        within = self.inside(image.size)
+        if within is None or is_mask(self.region or ""):
+            return within
         found = bm.find_streak_within(within, image, plate)
         if found is within:
             warnings.warn(
@@ -231,9 +223,23 @@ class Selection:
             )
         return found
 
-    def hidden(self, path: Path, image: bm.LinearImage) -> Any:
+    def inside(self, size: tuple[int, int]) -> bm.Streak | None:
+        """The box or the mask of the region in pictures of this size; None without a region."""
+        if self.region is None:
+            return None
+        if not is_mask(self.region):
+            return bm.Streak.from_box(box("--region", self.region), size)
+        inside = self.reading.mask("mask", Path(self.region), size)
+        if not inside.any():
+            raise ValueError(
+                f"the mask {self.region} has no white pixel, or no opaque one if it has alpha; "
+                "mark where the object moved"
+            )
+        return bm.Streak(inside)
+
+    def hidden(self, path: Path, size: tuple[int, int]) -> Any:
         """(H, W) bool: where something still is in front."""
-        white = self.reading.mask("occluder", path, image.size)
+        white = self.reading.mask("occluder", path, size)
         if white.all():
             raise ValueError(f"the occluder {path} marks all pixels; mark only what is in front")
         return white

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
+from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, Solver, solve_clip
 from blurmatte.cli.console import (
     Verbosity,
     about,
@@ -46,8 +46,6 @@ from blurmatte.cli.selection import (
     kind_of_color,
     matching_of,
 )
-
-Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,9 +91,8 @@ def solve(
     required = _required(require)
     each_alone = region is not None or solver != "auto"
     if clip.means_clip(images, out, plate.plate, each_alone or occluder is not None):
-        if each_alone:
-            raise ValueError("a clip takes no --region or --solver")
-        solve_clip(images, plate, out, colors, reading, clip, occluder, required, as_json)
+        selection, method = Selection(reading, colors, region), _clip_solver(solver, colors)
+        solve_clip(images, plate, out, selection, clip, occluder, method, required, as_json)
         return
     if plate.plate is None:
         raise ValueError(
@@ -149,7 +146,7 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
         match = bm.fit_match(C, task.plate, task.matching)
         matched = match.apply(task.plate)
         streak = task.selection.streak(C, matched)
-        hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C)
+        hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
         with _naming_streaks(streak, C, matched):
             solution = bm.solve(
                 C,
@@ -237,6 +234,19 @@ def _solver(text: str, colors: ColorOptions) -> Solver | None:
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {text!r}")
 
 
+def _clip_solver(text: str, colors: ColorOptions) -> Solver | None:
+    """The solver of a clip, which has no plate in shadow."""
+    method = _solver(text, colors)
+    if text.partition(":")[0] != "shaded":
+        return method
+    if colors.kinds != {"hex"} or len(colors.color or ()) != 1 or ":" in text:
+        raise ValueError(
+            f"of a clip --solver shaded needs one hex --color, the object's own light, got {text!r}: "
+            "a plate in shadow belongs to one picture, for the shadow moves with the object"
+        )
+    return _of_light((colors.color or ("",))[0])
+
+
 def _smoothness(text: str) -> float:
     try:
         value = float(text)
@@ -257,14 +267,19 @@ def _shaded(
     reading: CameraReading, solver: str, colors: ColorOptions, plate: bm.LinearImage
 ) -> bm.Shaded:
     """The solver with a known plate in shadow, or a known light of the object."""
-    from blurmatte.radiometry import light_of_hex
-
     path = solver.partition(":")[2]
     if path:
         return bm.Shaded(plate=reading.read(Path(path)))
     (text,) = colors.color or ("",)
     if kind_of_color(text) != "hex" or plate.meta.to_srgb is not None:
         raise ValueError(_SHADED)
+    return _of_light(text)
+
+
+def _of_light(text: str) -> bm.Shaded:
+    """The solver with the object's light, a hex color."""
+    from blurmatte.radiometry import light_of_hex
+
     bm.ColorModel.from_hex(text)  # refuses what is no color
     ((r, g, b),) = light_of_hex(text).tolist()
     return bm.Shaded(light=(r, g, b))

@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,10 @@ from blurmatte.errors import BlurmatteError, MotionError
 from blurmatte.figures import draw_clip
 from blurmatte.files import Frames, require_parquet, write
 from blurmatte.matting import Grade
+from blurmatte.matting.case import Solver
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.cadence import Cadence
+from blurmatte.motion.clip.solving import check_clip_solver
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
@@ -48,8 +51,7 @@ class ClipRun:
     extension : str
         Of the layers: .exr, .png, .tif, or .mov for one ProRes 4444 of all of them.
     occluder : (H, W) bool, optional
-        Where something is in front of the scene in all frames, as in `solve_clip`; its file is one of
-        the inputs.
+        Where something is in front of the scene in all frames, as in `solve_clip`.
     table : str
         Of the frames: .csv or .parquet (the `tables` extra).
     command : str
@@ -59,11 +61,13 @@ class ClipRun:
         channels than RGBA.
     rate : float, optional
         Frames per second; replaces the times of the frames: each is its number over the rate.
+    solver : Pixelwise, Smooth, Swept or Shaded, optional
+        As in `solve_clip`.
 
     Raises
     ------
     ValueError
-        If an extension is another, or complete layers are no EXRs.
+        If an extension is another, complete layers are no EXRs, or the solver has a plate in shadow.
     FileError
         If pyarrow is missing and the table is .parquet.
     """
@@ -79,9 +83,11 @@ class ClipRun:
     command: str = ""
     complete: bool = False
     rate: float | None = None
+    solver: Solver | None = None
 
     def __post_init__(self) -> None:
         check_kind("frames", self.frames, Frames, "use blurmatte.read_frames(path)")
+        check_clip_solver(self.solver)
         if self.extension not in (*LAYER_EXTENSIONS, ".mov"):
             raise ValueError(
                 f"layers are written as {', '.join(LAYER_EXTENSIONS)} or .mov, got {self.extension!r}"
@@ -97,6 +103,7 @@ class ClipRun:
     def key(self) -> str:
         """Hash of inputs and settings."""
         color = None if self.model is None else self.model.basis.tolist()
+        hidden = None if self.occluder is None else sha256(self.occluder.tobytes()).hexdigest()
         settings = {
             "frames": str(self.frames.frame_numbers),
             "rate": self.rate or self.frames.rate,
@@ -104,6 +111,8 @@ class ClipRun:
             "several": self.several,
             "layers": self.file_extension,
             "complete": self.complete,
+            "occluder": hidden,
+            "solver": repr(self.solver),
         }
         return key_of(self.inputs, settings)
 
@@ -241,7 +250,7 @@ def _shot(
         for record in (one.layer for one in finished)
         if record is not None and (not record.layer or (folder / record.layer).exists())
     }
-    given = Given(run.plate, run.model, run.several, run.occluder, run.rate)
+    given = Given(run.plate, run.model, run.several, run.occluder, run.rate, run.solver)
     steps = prepared(number, shot, run.frames, given, seen, done, workers)
     ready: SolvableShot | None = None
     for step in steps:

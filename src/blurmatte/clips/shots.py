@@ -10,6 +10,7 @@ from blurmatte.background.shots import Thumbnail
 from blurmatte.checks import Bools
 from blurmatte.color import ColorModel
 from blurmatte.files import Frames
+from blurmatte.matting.case import Solver
 from blurmatte.motion import (
     FrameMotion,
     FrameSightings,
@@ -79,6 +80,7 @@ class Given:
     several: bool
     hidden: Bools | None
     rate: float | None
+    solver: Solver | None
 
 
 def prepared(
@@ -129,6 +131,6 @@ def prepared(
         seen.append(one)
         yield one
     rows = link(seen)
-    solver = FrameSolver.of(part, scene, model)
+    solver = FrameSolver.of(part, scene, model, given.solver)
     wanted = wanted_frames(part, rows, solver, numbers, workers, given.model is None)
     yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))

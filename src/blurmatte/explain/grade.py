@@ -34,7 +34,7 @@ _WITHOUT_NUMBERS = {
 def grade_in_words(solution: Solution) -> list[str]:
     """The grade, the calibrated errors, and the reasons of a grade that is not the best.
 
-    Sentences without a full stop; none if the solution has no grade, e.g. that of `Pixelwise`.
+    Sentences without a full stop; none if the solution has no grade, e.g. of an older file.
     """
     stats = solution.stats
     if "grade" not in stats:

@@ -71,6 +71,7 @@ def error_terms(
     estimates: Sequence[AlphaEstimate],
     summaries: Sequence[HypothesisSummary],
     diagnostics: Diagnostics,
+    exact_color: bool = False,
 ) -> ErrorTerms:
     """The terms of the calibration.
 
@@ -78,6 +79,7 @@ def error_terms(
     summaries: of the same hypotheses: first sweeps in order of likelihood, then those without a
         shape.
     diagnostics: of the likeliest sweep.
+    exact_color: whether the color was given without an error; then it has no direction to err in.
     """
     claim = claimed_error(average)
     terms = [float(np.log1p(rms_difference(average, one) / claim)) for one in estimates]
@@ -87,6 +89,7 @@ def error_terms(
     if not summaries[best].has_shape:
         counterpart = counterpart[:1]
     one_paint = [terms[i] for i in others if summaries[i].rank == 1]
+    angle_std = min(diagnostics.color_angle_std, _S.max_color_angle_std)
     return ErrorTerms(
         shapeless=terms[counterpart[-1]] if counterpart else 0.0,
         one_paint=min(one_paint, default=0.0),
@@ -94,7 +97,7 @@ def error_terms(
         least=min((terms[i] for i in others), default=0.0),
         correlation=float(np.log(summaries[best].inflation)),
         color_spread=min(diagnostics.color_spread, _S.max_color_spread),
-        color_angle=float(np.log1p(min(diagnostics.color_angle_std, _S.max_color_angle_std))),
+        color_angle=0.0 if exact_color else float(np.log1p(angle_std)),
         radius=float(np.log1p(100 * min(diagnostics.radius_error, _S.max_relative_size))),
         blur=float(np.log1p(100 * min(diagnostics.blur_over_radius, _S.max_relative_size))),
         residuals=float(np.log(max(diagnostics.residual_excess, 1.0))),
@@ -130,15 +133,17 @@ def calibrated(
     estimates: Sequence[AlphaEstimate],
     terms: ErrorTerms,
     compressed: bool,
+    exact_color: bool = False,
 ) -> AlphaEstimate:
     """An average with its calibrated error.
 
     estimates: the hypotheses; the object may have been at any pixel that one of them covers.
     compressed: whether the image's file is compressed.
+    exact_color: whether the color was given without an error.
     """
     claim = claimed_error(average)
     file_class = COMPRESSED if compressed else UNCOMPRESSED
-    error = min(claim * fitted_calibration().factor(terms, file_class), 1.0)
+    error = min(claim * fitted_calibration().factor(terms, file_class, exact_color), 1.0)
     alpha = np.asarray(average.alpha, float)
     use = alpha > _S.min_alpha
     slope = np.hypot(*np.gradient(np.clip(alpha, 0, 1)))
@@ -183,6 +188,32 @@ def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -
     d = np.hypot(x, x[:, None])
     nearer, farther = (maximum_filter(alpha, footprint=d <= n) for n in (whole, whole + 1))
     return np.asarray((nearer + (distance - whole) * (farther - nearer)) ** 2 / 6)
+
+
+def graded_alone(
+    estimate: AlphaEstimate, solver: str, compressed: bool, exact_color: bool
+) -> dict[str, Any]:
+    """Claim, grade and calibrated error of a solver that is not compared with other hypotheses.
+
+    estimate: of the solver, not calibrated.
+    solver: "Smooth" or "Pixelwise"; that of `Shaded` is also the error of single pixels.
+    compressed, exact_color: as for `calibrated`.
+    """
+    file_class = COMPRESSED if compressed else UNCOMPRESSED
+    factor = fitted_calibration().solver_factor(solver, file_class, exact_color)
+    claim, scale = claimed_error(estimate), factor * estimate.scale_std
+    stds = factor * np.asarray(estimate.alpha_std, float), factor * estimate.sum_std
+    found = graded(AlphaEstimate(estimate.alpha, *stds, scale))
+    causes = {
+        "noise": claim > GRADE_LIMITS[Grade.CONFIRMED][0],
+        "file": compressed,
+        "color": not exact_color,
+    }
+    return {
+        "claimed_error": claim,
+        "grade_reasons": [name for name, holds in causes.items() if holds],
+        **found,
+    }
 
 
 def graded(estimate: AlphaEstimate) -> dict[str, Any]:

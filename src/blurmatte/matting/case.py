@@ -61,6 +61,12 @@ class Case:
         """Whether the given colors have no error."""
         return not self.model.covariance.any()
 
+    @property
+    def is_compressed(self) -> bool:
+        """Whether the image's file is compressed, or its chroma subsampled."""
+        meta = self.pictures.image.meta
+        return meta.sharing is not None or meta.subsampled
+
     @cached_property
     def image(self) -> LinearImage:
         """With the noise found by the sweep, which codecs hide; see `Diagnostics.noise_inflation`."""

@@ -143,10 +143,10 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     found = _Hypotheses.of(fitted)
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
-    terms = error_terms(average, found.estimates, found.summaries, diagnostics)
-    meta = case.image.meta
-    claim, compressed = claimed_error(average), meta.sharing is not None or meta.subsampled
-    average = calibrated(average, found.estimates, terms, compressed)
+    exact = case.is_exact
+    terms = error_terms(average, found.estimates, found.summaries, diagnostics, exact)
+    claim, compressed = claimed_error(average), case.is_compressed
+    average = calibrated(average, found.estimates, terms, compressed, exact)
     error, by_opacity = claimed_error(average), found.opacity_error
     average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
     grade, because = graded(average), reasons(terms, claim, found.weights, compressed)

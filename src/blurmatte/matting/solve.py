@@ -14,6 +14,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError
+from blurmatte.matting.averaging import AlphaEstimate
+from blurmatte.matting.calibration import graded_alone
 from blurmatte.matting.case import MARGIN_PX, Case, Fitted, Pictures, Solver
 from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.hypotheses import average_hypotheses
@@ -240,6 +242,8 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         "readout": image.meta.readout,
         **numbers,
     }
+    if "grade" not in stats:
+        stats |= _graded_alone(case, maps, stats, only_lost)
     by_factor = stats["alpha_scale_std"] * stats["sum_alpha"]
     parts = stats["sum_alpha_std"], shadow_std, by_factor
     stats["sum_alpha_std"] = float(np.linalg.norm(parts))
@@ -248,6 +252,24 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     if sweep is not None:
         sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance)
     return Solution(*maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=sweep)
+
+
+def _graded_alone(
+    case: Case, maps: PixelMaps, stats: dict[str, Any], only_lost: bool
+) -> dict[str, Any]:
+    """Grade and errors of a solver without other hypotheses; its maps keep their standard errors."""
+    unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
+    known = ~has_flag(maps.quality, unknown) & np.isfinite(maps.alpha_std)
+    if not known.any():
+        return {"grade": Grade.ASSUMED, "alpha_error": 1.0, "grade_reasons": ["color"]}
+    alpha, std = np.where(known, maps.alpha, 0), np.where(known, maps.alpha_std, np.inf)
+    estimate = AlphaEstimate(alpha, std, stats["sum_alpha_std"], stats["alpha_scale_std"])
+    solver = "Smooth" if isinstance(case.solver, Smooth) else "Pixelwise"
+    numbers = graded_alone(estimate, solver, case.is_compressed, case.is_exact)
+    if only_lost:
+        reasons = ["shadow", *numbers["grade_reasons"]]
+        numbers |= {"grade": Grade.ASSUMED, "grade_reasons": reasons}
+    return numbers
 
 
 def _check_numbers(maps: PixelMaps, case: Case) -> None:

@@ -17,6 +17,8 @@ from blurmatte.background import Matching
 from blurmatte.checks import Bools, Box, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError
+from blurmatte.matting.case import Solver
+from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import solve
 from blurmatte.matting.swept import Swept
@@ -104,14 +106,24 @@ class FrameSolver:
     model: ColorModel
     color: MatchedFilter | None
     min_probability: float  #: that a frame differs as much from its prior: less is a contradiction
+    solver: Solver | None = None  #: None averages all hypotheses
 
     @classmethod
     def of(
-        cls, frames: Sequence[LinearImage], scene: StaticScene, model: ColorModel
+        cls,
+        frames: Sequence[LinearImage],
+        scene: StaticScene,
+        model: ColorModel,
+        solver: Solver | None = None,
     ) -> FrameSolver:
         """For a clip, its scene and the color of its object."""
         model, color = in_colors_of(frames, scene, model)
-        return cls(scene, model, color, _MIN_PROBABILITY / len(frames))
+        return cls(scene, model, color, _MIN_PROBABILITY / len(frames), solver)
+
+    @property
+    def fits_shapes(self) -> bool:
+        """Whether path and radius of the other frames are a prior of the solutions."""
+        return self.solver is None or isinstance(self.solver, Swept)
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
         """The solution in the whole picture, or why there is none.
@@ -140,7 +152,7 @@ class FrameSolver:
         if wanted.row.sighting is None:
             return self._solved_alone(frame)
         crop, streak, start, prior = self._prepared(frame, wanted)
-        solver = Swept() if wanted.has_shape else None
+        solver = self.solver or (Swept() if wanted.has_shape else None)
         if prior is None:
             return crop, self._solution(crop, streak, start, None, solver)
         with suppress(BlurmatteError):
@@ -160,7 +172,7 @@ class FrameSolver:
         x0, y0 = boxes[:, :2].min(axis=0).tolist()
         x1, y1 = boxes[:, 2:].max(axis=0).tolist()
         (crop,) = self.scene.crops(frame, [(x0, y0, x1, y1)])
-        return crop, self._solution(crop, None, None, any_color=True)
+        return crop, self._solution(crop, None, None, None, self.solver, any_color=True)
 
     def _prepared(
         self, frame: CodedFrame, wanted: Wanted
@@ -193,7 +205,7 @@ class FrameSolver:
         streak: Streak | None,
         start: Sweep | None,
         prior: MotionPrior | None = None,
-        solver: Swept | None = None,
+        solver: Solver | None = None,
         any_color: bool = False,
     ) -> Solution:
         """The solution with a prior, or of the crop alone; of the clip's color, or of its own."""
@@ -220,7 +232,7 @@ class FrameSolver:
         """
         (frame,) = coded_frames(frames, slice(None))
         try:
-            _, solution = self.solved(frame, wanted)
+            _, solution = replace(self, solver=None).solved(frame, wanted)
         except BlurmatteError:
             return None
         if _CONTRADICTS in solution.stats.get("grade_reasons", ()):
@@ -251,6 +263,7 @@ def solve_clip(
     *,
     several: bool = False,
     occluder: Bools | None = None,
+    solver: Solver | None = None,
     workers: int | Workers = 1,
 ) -> Iterator[tuple[int, Solution]]:
     """Separate a moving object from its background in each frame of a clip of a fixed camera.
@@ -272,6 +285,8 @@ def solve_clip(
     occluder : (H, W) bool, optional
         Where something is in front of the scene in all frames, such as a score board: changes there are
         no motion. Alpha continues behind it, as in `solve`.
+    solver : Pixelwise, Smooth, Swept or Shaded, optional
+        As in `solve`; of `Shaded` with the object's light, not with a plate in shadow.
     workers : int or Workers
         As in `sightings`.
 
@@ -286,8 +301,9 @@ def solve_clip(
     Raises
     ------
     PlateError, ColorModelError, ValueError
-        As `measure_clip`.
+        As `measure_clip`; ValueError also for a solver with a plate in shadow.
     """
+    check_clip_solver(solver)
     check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
     if isinstance(frames, ClipFrames):
         frames = frames.for_plate(plate)
@@ -297,12 +313,21 @@ def solve_clip(
         known = color_or_any(frames, scene, processes) if model is None else model
         seen = sightings_in_scene(frames, scene, known, processes, several=several, numbers=numbers)
         rows = link_objects(seen) if several else link_sightings(seen)
-        solver = FrameSolver.of(frames, scene, known)
-        found = wanted_frames(frames, rows, solver, numbers, processes, model is None)
-        solutions = successes(processes.over(frames, solver, parts_to_solve(found)))
+        each = FrameSolver.of(frames, scene, known, solver)
+        found = wanted_frames(frames, rows, each, numbers, processes, model is None)
+        solutions = successes(processes.over(frames, each, parts_to_solve(found)))
         for one, solution in zip(found, solutions, strict=True):
             if isinstance(solution, Solution):
                 yield one.index, solution
+
+
+def check_clip_solver(solver: Solver | None) -> None:
+    """Raise TypeError or ValueError unless frames of a clip can be solved by it."""
+    check_kind("solver", solver, Solver | None, "such as blurmatte.Smooth()")
+    if isinstance(solver, Shaded) and solver.plate is not None:
+        raise ValueError(
+            "in a clip Shaded needs the object's light: the shadow moves with the object"
+        )
 
 
 def color_or_any(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> ColorModel:
@@ -353,7 +378,8 @@ def wanted_frames(
     shape is a disc if that is decisively likelier than other outlines, in frames all over the clip
     together: the log Bayes factors of single frames add, until they are decisive. Any frame may
     mislead, where something hides the object or moves next to it, as often as frames contradict path
-    and radius of the clip: that bounds what one of them can say.
+    and radius of the clip: that bounds what one of them can say. A solver that fits no shapes has no
+    use for any of this.
 
     Parameters
     ----------
@@ -372,6 +398,9 @@ def wanted_frames(
     wanted, index_of = [], {number: index for index, number in enumerate(numbers)}
     for number in sorted({row.object or 1 for row in rows if row.sighting is not None}):
         mine = [row for row in rows if row.sighting is not None and (row.object or 1) == number]
+        if not solver.fits_shapes:
+            wanted += [Wanted(index_of[row.frame], row, None) for row in mine]
+            continue
         shared_by_all = ClipObject.of(mine, solver.model)
         found = [
             Wanted(index_of[row.frame], row, prior)

@@ -10,11 +10,16 @@ is its calibration with the terms t_j of `ErrorTerms`, fitted by quantile regres
 scenes of which the data file names the provenance, and conformal for each class of file: s' is
 multiplied so that twice s' is exceeded by the same fraction of the pictures of each class; each picture
 shows a kind of object that was left out of the fit.
+
+Those pictures were solved without a given color, and the errors of some are those of the color that was
+fitted. Where the color is given exactly, s' is multiplied by a smaller factor. Errors of a single
+solver are multiplied by a factor for each class of files. Both kinds of factors are conformal too
+(benchmarks/given_color.py).
 """
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from importlib import resources
 
@@ -80,11 +85,19 @@ class Calibration:
     coefficients: Mapping[str, float]  # c of each of the `ErrorTerms`, 0 or more
     class_factors: Mapping[str, float]  # by which the errors of a class of files are multiplied
     provenance: str = ""  # data of the fit
+    exact_color: float = 1.0  # by which errors are multiplied if the color is given exactly
+    # By which those of a solver are multiplied: its name and "given" or "fitted" color; class of file
+    solver_factors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def factor(self, terms: ErrorTerms, file_class: str) -> float:
+    def factor(self, terms: ErrorTerms, file_class: str, exact_color: bool = False) -> float:
         """Factor of a claimed error."""
         exponent = self.intercept + sum(self._parts(terms).values())
-        return float(self.class_factors[file_class] * np.exp(exponent))
+        by_color = self.exact_color if exact_color else 1.0
+        return float(by_color * self.class_factors[file_class] * np.exp(exponent))
+
+    def solver_factor(self, solver: str, file_class: str, exact_color: bool) -> float:
+        """Factor of the claimed error of a solver, without comparing it with other hypotheses."""
+        return self.solver_factors[f"{solver}, {'given' if exact_color else 'fitted'}"][file_class]
 
     def reasons(self, terms: ErrorTerms) -> list[str]:
         """Subjects of up to three terms that increase the error most, the largest first."""
