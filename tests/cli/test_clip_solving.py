@@ -80,7 +80,7 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
     [
         (("--solver", "shaded:in_shade.png", "--layers", "exr"), "needs one hex --color"),
         (("--solver", "rough", "--layers", "exr"), "--solver must be auto, swept"),
-        (("--region", "9,9,1,1", "--layers", "exr"), "--region"),
+        (("--region", "9,9,1,1", "--layers", "exr"), "must lie in the picture"),
         (("--color", "12,12"), "give --color as hex or a model file"),
         (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
         (("--table", "xlsx"), "--table must be csv or parquet"),

@@ -428,9 +428,12 @@ def test_every_solver_has_a_grade_that_its_error_deserves(solver):
     solution = solve(image, plate, truth.model, solver)
     off = (solution.alpha - truth.layer.alpha)[solution.streak & solution.known]
     stats = solution.stats
-    assert root_mean_square(off) < 2 * stats["alpha_error"]
     limit = {Grade.CONFIRMED: 0.02, Grade.PLAUSIBLE: 0.05}.get(solution.grade, np.inf)
-    assert stats["claimed_error"] <= stats["alpha_error"] <= limit
+    assert 0.999 * stats["claimed_error"] <= stats["alpha_error"] <= limit
+    if isinstance(solver, Shaded):  # of a ball, whose light is not constant
+        assert solution.grade is Grade.ASSUMED
+        return
+    assert root_mean_square(off) < 2 * stats["alpha_error"]
     assert solution.grade is Grade.CONFIRMED or stats["grade_reasons"]
 
 

@@ -266,7 +266,8 @@ def _graded_alone(
     estimate = AlphaEstimate(alpha, std, stats["sum_alpha_std"], stats["alpha_scale_std"])
     solver = "Smooth" if isinstance(case.solver, Smooth) else "Pixelwise"
     numbers = graded_alone(estimate, solver, case.is_compressed, case.is_exact)
-    if only_lost:
+    # The light of an object is rarely as constant as `Shaded` assumes, and its factor is not fitted.
+    if only_lost or isinstance(case.solver, Shaded):
         reasons = ["shadow", *numbers["grade_reasons"]]
         numbers |= {"grade": Grade.ASSUMED, "grade_reasons": reasons}
     return numbers
