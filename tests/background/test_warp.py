@@ -1,7 +1,16 @@
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
-from blurmatte.background.warp import homography, interpolate, interpolated_variance, map_points
+from blurmatte.background.warp import (
+    homography,
+    interpolated_variance,
+    map_points,
+    moved_points,
+    warped,
+    warped_linearly,
+    warped_mask,
+)
 
 SIZE = (40, 30)
 
@@ -41,18 +50,34 @@ def test_derivatives_equal_differences():
         assert np.allclose(slopes[..., i], numeric, atol=1e-6)
 
 
-def test_interpolate_recovers_smooth_picture():
-    """exact up to the spline: a picture that changes little from pixel to pixel."""
-    inner = grid()[8:-8, 8:-8].reshape(-1, 2) + np.array([0.37, -0.21])
-    picture = smooth_picture(*np.moveaxis(grid(), -1, 0))
-    truth = smooth_picture(*inner.T)
-    assert np.allclose(interpolate(picture, inner), truth, atol=2e-4)
+H = np.array([0.02, -0.03, 0.05, 0.01, 0.04, -0.02, 0.015, -0.01])
+
+
+@pytest.mark.parametrize(("warp", "order"), [(warped, 3), (warped_linearly, 1)])
+def test_warped_picture_equals_splines_of_scipy(warp, order):
+    """oracle: SciPy, one channel at a time, up to 12 pixels beyond the border."""
+    picture = np.random.default_rng(0).random((30, 40, 3))
+    at = moved_points(H, grid().reshape(-1, 2), SIZE).T[::-1]
+    for c, found in enumerate(np.moveaxis(warp(picture, H), -1, 0)):
+        expected = map_coordinates(picture[..., c], at, order=order, mode="nearest")
+        assert np.allclose(found.ravel(), expected, atol=1e-12)
+
+
+def test_warped_mask_lacks_pixels_that_false_ones_contribute_to():
+    """exact: a shift by half a pixel loses a False pixel, its neighbors, and the border."""
+    mask = np.ones((30, 40), bool)
+    mask[10, 20] = False
+    found = warped_mask(mask, np.array([0, 0, 0.5 / 20, 0, 0, 0, 0, 0]))
+    expected = np.ones_like(mask)
+    expected[10, 18:22] = expected[[9, 11], 19:21] = False
+    expected[:, 38:] = False
+    assert np.array_equal(found[1:-1, 1:-1], expected[1:-1, 1:-1])
 
 
 @pytest.mark.parametrize("step", [0.0, 0.25, 0.5])
 def test_interpolated_variance_equals_that_of_interpolated_noise(step):
     """honest"""
-    rng = np.random.default_rng(1)
-    noise = rng.normal(size=(200, 200, 1))
-    xy = np.stack(np.meshgrid(np.arange(20, 180), np.arange(20, 180)), -1).reshape(-1, 2) + step
-    assert interpolate(noise, xy).var() == pytest.approx(interpolated_variance(xy), rel=0.05)
+    noise = np.random.default_rng(1).normal(size=(200, 200, 1))
+    inner = warped(noise, np.array([0, 0, step / 100, 0, 0, step / 100, 0, 0]))[20:180, 20:180]
+    xy = np.full((1, 2), 20 + step)
+    assert inner.var() == pytest.approx(interpolated_variance(xy), rel=0.05)

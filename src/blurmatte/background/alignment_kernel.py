@@ -5,17 +5,8 @@ All channels of a point are interpolated in one pass, which is four times as fas
 
 import numpy as np
 
+from blurmatte.background.warp_kernel import cubic
 from blurmatte.compiling import njit
-
-
-@njit()
-def _cubic(u, weights):  # type: ignore[no-untyped-def]
-    """Write the weights (4,) of a cubic B-spline at the fraction u between two nodes."""
-    t = 1 - u
-    weights[0] = t * t * t / 6
-    weights[1] = 2 / 3 - u * u * (2 - u) / 2
-    weights[2] = 2 / 3 - t * t * (2 - t) / 2
-    weights[3] = u * u * u / 6
 
 
 @njit()
@@ -63,8 +54,8 @@ def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignor
                 moves[0, 6 + i], moves[1, 6 + i] = -U * one, -V * one
         i, j = int(np.floor(x)), int(np.floor(y))
         u, v = x - i, y - j
-        _cubic(u, p)
-        _cubic(v, q)
+        cubic(u, p)
+        cubic(v, q)
         for c in range(3):
             B = 0.0
             for s in range(4):

@@ -10,15 +10,16 @@ import numpy.typing as npt
 from blurmatte.background.bands import Bands
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
-    SPLINE_ORDER,
     homography,
-    interpolate,
     interpolated_variance,
     map_points,
     moved_points,
     to_centered,
+    warped,
+    warped_linearly,
+    warped_mask,
 )
-from blurmatte.checks import Bools, check_same_size
+from blurmatte.checks import check_same_size
 from blurmatte.radiometry import LinearImage, check_picture
 
 Array = npt.NDArray[np.float64]
@@ -194,17 +195,18 @@ class Match:
         return replace(plate, rgb=rgb, noise=noise)
 
     def _warped(self, plate: LinearImage) -> LinearImage:
-        width, height = self.size
-        axes = np.arange(width, dtype=float), np.arange(height, dtype=float)
-        xy = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
-        parts = np.array_split(xy, 64)  # homogeneous coordinates of all would take much memory
-        at = np.concatenate([moved_points(self.h, part, self.size) for part in parts])
-        rgb = interpolate(plate.rgb, at).reshape(plate.rgb.shape).astype(plate.rgb.dtype)
         noise = None
         if plate.noise is not None:
-            kept = interpolated_variance(at[:: max(1, len(at) // 10_000)])
-            noise = interpolate(plate.variance, at, 1).reshape(rgb.shape).astype(rgb.dtype) * kept
-        return replace(plate, rgb=rgb, noise=noise, valid=_valid_at(plate.valid, at))
+            kept = interpolated_variance(moved_points(self.h, self._sample(), self.size))
+            noise = warped_linearly(plate.variance, self.h) * plate.rgb.dtype.type(kept)
+        valid = warped_mask(plate.valid, self.h)
+        return replace(plate, rgb=warped(plate.rgb, self.h), noise=noise, valid=valid)
+
+    def _sample(self) -> Array:
+        """(n, 2) about ten thousand pixels over the picture."""
+        width, height = self.size
+        at = np.arange(0, width * height, max(1, width * height // 10_000))
+        return np.stack([at % width, at // width], axis=1).astype(float)
 
     def _gain_field(self, dtype: np.dtype[np.floating]) -> npt.NDArray[np.floating]:
         """The factor of the plate's light, as an array that broadcasts to (H, W, 3)."""
@@ -224,12 +226,3 @@ def median_light(plate: LinearImage) -> Array:
     """(3,) median of the plate's light in about a hundred rows, above 0."""
     rows = slice(None, None, max(1, len(plate.rgb) // 100))
     return np.asarray(np.maximum(np.median(plate.rgb[rows].astype(float), axis=(0, 1)), 1e-6))
-
-
-def _valid_at(valid: Bools, at: Array) -> Bools:
-    """(H, W) whether the support of the spline at points (n, 2) is valid."""
-    from scipy.ndimage import binary_dilation
-
-    invalid = np.pad(~valid, SPLINE_ORDER, constant_values=True)[..., None].astype(float)
-    lost = interpolate(invalid, at + SPLINE_ORDER, 1)[:, 0]
-    return np.asarray(~binary_dilation((lost > 1e-6).reshape(valid.shape)))

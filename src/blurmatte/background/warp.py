@@ -10,15 +10,17 @@ h₂ and h₅ are the shift.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Bools, Floats
 
 Array = npt.NDArray[np.float64]
 
 SPLINE_ORDER = 3  # of the interpolation
+_BORDER_PX = 12  # beyond which the border has no influence on a spline, relative to 1e-7
 IDENTITY_LIGHT = np.eye(7, 1).repeat(3, axis=1)  # (7, 3): gain 1, no offset, no field
 IDENTITY_LIGHT.setflags(write=False)
 
@@ -64,20 +66,43 @@ def map_points(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array
     return (U - to[:2, 2]) / to[0, 0], slope / to[0, 0]
 
 
-def interpolate(picture: Floats, xy: Array, order: int = SPLINE_ORDER) -> Array:
-    """(n, channels) values of a picture (h, w, channels) at points xy (n, 2), by a spline."""
-    from scipy.ndimage import map_coordinates
+def warped(picture: Floats, h: Array) -> Floats:
+    """A picture (h, w, channels) under a homography, by cubic splines; its border is repeated."""
+    around = ((_BORDER_PX, _BORDER_PX),) * 2 + ((0, 0),)
+    nodes = spline_coefficients(np.pad(picture.astype(float, copy=False), around, mode="edge"))
+    return _between(nodes, _BORDER_PX, SPLINE_ORDER + 1, h, picture.dtype)
 
-    def read(channel: int) -> Array:
-        """(n,) interpolated values of one channel."""
-        plane = np.ascontiguousarray(picture[..., channel], dtype=float)
-        return np.asarray(map_coordinates(plane, xy.T[::-1], order=order, mode="nearest"))
 
-    channels = range(picture.shape[-1])
-    if len(xy) < 100_000:  # threads would take longer to start
-        return np.stack([read(c) for c in channels], axis=-1)
-    with ThreadPoolExecutor() as threads:  # SciPy releases the interpreter's lock
-        return np.stack(list(threads.map(read, channels)), axis=-1)
+def warped_linearly(picture: Floats, h: Array) -> Floats:
+    """A picture (h, w, channels) under a homography, linear between pixels; its border is repeated."""
+    return _between(picture, 0, 2, h, picture.dtype)
+
+
+def warped_mask(mask: Bools, h: Array) -> Bools:
+    """(h, w) True where the support of the spline is True; False beyond the picture."""
+    from scipy.ndimage import binary_dilation
+
+    lost = np.pad(~mask, 1, constant_values=True)[..., None].astype(np.float32)
+    some = _between(lost, 1, 2, h, np.dtype(np.float32))[..., 0] > 1e-6
+    return np.asarray(~binary_dilation(some))
+
+
+def _between(nodes: Floats, pad: int, taps: int, h: Array, dtype: np.dtype[Any]) -> Floats:
+    """Values between nodes under a homography; see `warp_kernel.warp`."""
+    from blurmatte.background.warp_kernel import warp  # numba takes half a second
+
+    height, width = (side - 2 * pad for side in nodes.shape[:2])
+    out = np.empty((height, width, nodes.shape[2]), dtype)
+    match = homography(h), to_centered((width, height))
+    edges = np.linspace(0, height, min(height, 64) + 1).astype(int)
+
+    def fill(first: int, end: int) -> None:
+        """Fill some rows."""
+        warp(nodes, pad, taps, match, first, out[first:end])
+
+    with ThreadPoolExecutor() as threads:  # compiled loops release the interpreter's lock
+        list(threads.map(fill, edges[:-1], edges[1:]))
+    return out
 
 
 def spline_coefficients(picture: Floats) -> Array:

@@ -248,7 +248,8 @@ def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) ->
     codes = np.empty(light.shape, dtype)
     for row in range(0, len(light), 64):
         strip = np.s_[row : row + 64]
-        codes[strip] = _stored(SRGB.encode(light[strip]), dtype)
+        black = not light[strip].any()  # most of a layer
+        codes[strip] = 0 if black else _stored(SRGB.encode(light[strip]), dtype)
     return codes
 
 
