@@ -134,8 +134,7 @@ def test_first_line_is_the_grade(scene, tmp_path, graded):
     graded("assumed")
     first, second, *_ = solve(scene, tmp_path).stdout.splitlines()
     assert first == (
-        "assumed: the color is uncertain, so that one had to be assumed; alpha is known up to a "
-        "factor of 1 ± 0.25, within 0.04"
+        "assumed: the color is uncertain; alpha is known up to a factor of 1 ± 0.25, within 0.04"
     )
     assert second.startswith("Solution(128x80, ")
     report = json.loads((tmp_path / "report.json").read_text())
@@ -168,13 +167,6 @@ def test_grade_below_required_sets_exit_code_and_keeps_files(
     assert sorted(content(tmp_path / "o")) == NAMES
     said = f"image.png: its grade is {grade}, --require asks for {required}; its files were written"
     assert (said in result.stderr) == lesser
-
-
-def test_solution_without_a_grade_fails_every_requirement(scene, tmp_path):
-    files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
-    result = run("solve", *files, "--out", tmp_path / "o", "--require", "plausible")
-    assert result.exit_code == ExitCode.LOW_GRADE
-    assert "image.png: it has no grade, --require asks for plausible" in result.stderr
 
 
 def test_exit_code_of_a_failed_image_precedes_that_of_a_lesser_grade(here, tmp_path, graded):
@@ -346,7 +338,7 @@ def test_several_images_have_a_folder_each_and_one_may_fail(here, tmp_path):
     beside = ["manifest.jsonl", "pictures.csv"]
     assert sorted(path.name for path in out.iterdir()) == [*beside, "throw1", "throw2"]
     *answers, summary, table = result.stdout.splitlines()
-    assert len(answers) == 6
+    assert len(answers) == 8
     assert (summary, table) == ("3 pictures: 2 solved now, 1 refused", str(out / "pictures.csv"))
     assert sorted(content(out / "throw2")) == NAMES
 
@@ -585,7 +577,7 @@ def _empty(path, here):
 
 def _text(path, here):
     path.write_text("I am not a picture.\n" * 30)
-    return "holds no PNG"
+    return "holds no picture of a known kind"
 
 
 def _truncated(path, here):
@@ -728,9 +720,8 @@ def test_warns_of_guessed_transfer_once(small, tmp_path):
     files = (tmp_path / "plain image.png", "--plate", tmp_path / "plain plate.png")
     files += ("--color", COLOR)
     result = good("solve", *files, *PIXELWISE, "--out", tmp_path / "o")
-    assert [line.split(": pass")[0] for line in result.stderr.splitlines()] == [
-        f"blurmatte: warning: {tmp_path / f'plain {name}.png'}" for name in ("plate", "image")
-    ]
+    (line,) = result.stderr.splitlines()
+    assert line.startswith(f"blurmatte: warning: {tmp_path / 'plain plate.png'}: the file has no")
     again = good("solve", *files, *FAST, "--out", tmp_path / "o")
     assert again.stderr == ""
 
@@ -802,12 +793,13 @@ def test_refuses_bad_options_in_one_line(scene, tmp_path, options, says):
     ("words", "says"),
     [
         (["solve"], "Missing argument 'IMAGE'; see"),
-        (["solve", "a.png", "--out", "o"], "Missing option '--plate'; see"),
+        (["solve", "a.png", "--out", "o"], "a single picture needs --plate"),
         (["solve", "--plat", "b.png"], "No such option: --plat"),
         (["solve", "a.png", "--plate", "b.png", "--out"], "requires an argument"),
         (["solve", "a.png", "--plate", "b.png", "--out", "o", "--rank", "two"], "valid integer"),
         (["slove"], "No such command 'slove'"),
         (["--colour"], "No such option"),
+        (["--color", "#ff0000", "solve"], "--color goes behind the command"),
     ],
 )
 def test_reports_wrong_usage_in_one_line(words, says):
@@ -960,7 +952,8 @@ def test_score_of_solutions_has_every_metric(rendered, tmp_path):
     )
     head, *rows = result.stdout.splitlines()
     assert "alpha RMSE" in head
-    assert [row.split()[:2] for row in rows] == [["one", "yes"], ["two", "yes"], ["mean", "yes"]]
+    names = [["one", "yes"], ["two", "yes"], ["mean", "yes"], ["std", "error"]]
+    assert [row.split()[:2] for row in rows] == names
     scores = json.loads((tmp_path / "scores.json").read_text())
     assert scores["one"]["alpha_rmse"] < 0.05
     assert 0.2 < scores["one"]["alpha_spread"] < 1.3  # calibrated on harder scenes than this

@@ -62,7 +62,7 @@ def test_grade_and_its_reasons_precede_every_number_of_an_answer(folder, tmp_pat
     solution = bm.read_solution(folder / "layer.exr")
     stats = {**solution.stats, "grade": "assumed", "grade_reasons": ("shape", "noise")}
     bm.write(tmp_path / "layer.exr", replace(solution, stats=stats))
-    reasons = "assumed: the shape is uncertain, so that one had to be assumed, and noise is large"
+    reasons = "assumed: alpha with and without a shape on a path differ (by "
     points = [("26,28", "0,0"), ("70,28", "1,0"), ("70,42", "1,1"), ("26,42", "0,1")]
     plane = [part for pixel, place in points for part in ("--on-plane", f"{pixel}={place}")]
     for command in (

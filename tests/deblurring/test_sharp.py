@@ -132,6 +132,7 @@ def test_parameters_that_are_fixed_keep_their_values(ball, sharp):
     assert found.sweeps[0].path[4] == pytest.approx(-0.09)
 
 
+@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
 def test_errors_of_a_wrong_model_are_widened():
     """The texture of a ball that spins: residuals are correlated."""
     z = []

@@ -19,6 +19,7 @@ from blurmatte.errors import FileError
 from blurmatte.files import read, read_frames, write, write_changed
 from blurmatte.formats import FORMATS, Holds, format_at, is_clip, pictures_in, recognized
 from blurmatte.radiometry import REC709, SRGB, LinearImage
+from blurmatte.radiometry.transfer import PQ
 
 SIZE = 64, 48
 HEIC_STEP = 6 / 255  # of light: quality 95, smooth colors
@@ -291,13 +292,13 @@ def test_photos_are_turned_by_their_orientation(tmp_path, codes, orientation):
     assert np.median(abs(photo.rgb - shown)) < HEIC_STEP
 
 
-def test_heic_of_another_encoding_is_refused(tmp_path, codes):
-    """door: PQ is a curve for HDR screens."""
+def test_heic_of_pq_is_decoded_by_it(tmp_path, codes):
+    """exact."""
     content = bytearray(heic(codes))
     at = content.index(b"colrnclx") + 8
     content[at : at + 4] = struct.pack(">2H", 9, 16)
     (tmp_path / "a.heic").write_bytes(content)
-    assert "PQ (16 of H.273), a curve for HDR screens" in refusal(tmp_path / "a.heic")
+    assert read(tmp_path / "a.heic").meta.transfer == PQ
 
 
 def test_heic_without_its_library_names_the_extra(tmp_path, codes, monkeypatch):

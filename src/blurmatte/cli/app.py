@@ -108,16 +108,18 @@ class _Group(TyperGroup):
             if "" in args:
                 raise typer.BadParameter("an argument is empty; check the variables of the shell")
             args = command_first(args)
-            if args[:1] and args[0].startswith("-") and args[0] not in self._options():
+            if args and args[0] in self._options_of_commands():
                 raise typer.BadParameter(
                     f"{args[0]} goes behind the command: {info_name} COMMAND {args[0]}"
                 )
             return super().make_context(info_name, args, *more, **kwargs)
 
-    def _options(self) -> set[str]:
-        """The options of the group itself."""
-        own = {name for one in self.params for name in one.opts}
-        return own | {"--", *self.context_settings.get("help_option_names", ())}
+    def _options_of_commands(self) -> set[str]:
+        """The options that commands have and the group itself has not."""
+        own = {*self.context_settings.get("help_option_names", ())}
+        own |= {name for one in self.params for name in one.opts}
+        commands = self.commands.values()
+        return {name for one in commands for p in one.params for name in p.opts} - own
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was named."""
@@ -145,13 +147,7 @@ class _Group(TyperGroup):
 
 
 class _Program(_Group):
-    """The program: options that all commands have may stand before the command."""
-
-    def make_context(
-        self, info_name: str | None, args: list[str], *more: Any, **kwargs: Any
-    ) -> Any:
-        """Parse the arguments, the command first."""
-        return super().make_context(info_name, command_first(args), *more, **kwargs)
+    """The program, whose help lists the commands in the order of its sections."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of the commands in the order of the help."""

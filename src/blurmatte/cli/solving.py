@@ -97,7 +97,8 @@ def solve(
     if plate.plate is None:
         raise ValueError(
             "a single picture needs --plate, the same scene without the object: photograph it, or take "
-            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg')"
+            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'); see "
+            "blurmatte solve --help"
         )
     method = _solver(solver, colors)
     check_folder(out)
@@ -166,8 +167,8 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
         logging.getLogger("blurmatte").info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
-    graded = [*grade_lines(solution), *usable_all_the_same(C, matched, solution)]
-    return [*graded, *_answer_lines(solution, match, folder)], solution
+    *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, match, folder)]
+    return [*lines, *usable_all_the_same(C, matched, solution), sheet], solution
 
 
 @command(

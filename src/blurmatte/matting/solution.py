@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -143,18 +142,18 @@ class Solution:
         """How well alpha is known; `ASSUMED` if `stats` has no grade."""
         return Grade(self.stats.get("grade", Grade.ASSUMED))
 
-    @cached_property
+    @property
     def streak(self) -> Bools:
         """(H, W) True where something moved."""
         return np.asarray((self.quality & Quality.OUTSIDE) == 0)
 
-    @cached_property
+    @property
     def known(self) -> Bools:
         """(H, W) True where alpha is known: its error is finite and not too large."""
         certain = (self.quality & Quality.PLATE_IN_MODEL) == 0
         return np.asarray(certain & np.isfinite(self.alpha_std))
 
-    @cached_property
+    @property
     def layer(self) -> Layer:
         """The object as a picture, to composite with; measure on `alpha` instead.
 

@@ -49,7 +49,9 @@ class OpacitySettings:
     mismatch_std: float = 0.05  # of 1/ρ about 1, before it is measured
     # Of λ and 1/ρ in compressed pictures: files drop weak texture, so that inside is not as around
     compressed_std: float = 0.2
-    max_length: float = 1.0  # of the path of an object that counts as at rest, of its radius
+    # Of the path of an object that counts as at rest, of its radius: a flash is short, and objects that
+    # move on are there all the time
+    max_length: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -127,7 +129,7 @@ def fit_opacity(state: State) -> Opacity:
     smallest, largest = settings.min_block_px, settings.max_block_px
     size = int(np.clip(radius / settings.blocks_per_radius, smallest, largest))
     scores = [_of_texture(observation, inside, around, size)]
-    if observation.color.rank < 3:
+    if observation.color.rank < 3 and inside.any():
         scores.append(_across(observation, inside, size))
     known = [one for one in scores if len(one.a) >= settings.min_blocks]
     return _posterior(known, observation, inside)
