@@ -250,6 +250,7 @@ def test_bands_before_a_plain_wall_are_no_motion():
     assert not match.moves
 
 
+@pytest.mark.battery
 def test_streak_across_the_picture_is_no_band():
     """invariant: it changes some rows only, but most of their pixels."""
     light = colorful_plate(SIZE, np.random.default_rng(7))

@@ -92,7 +92,9 @@ def test_missing_frames_are_named(lost, words):
     ]
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.battery) for k in (1, 2, 3))]
+)
 def test_steady_motion_rest_and_a_bounce_have_no_repeats(seed):
     """Exact: nothing is said of a fall, of a turning point, of an object at rest, or of a wall."""
     k = np.arange(30)
