@@ -94,7 +94,7 @@ def test_errors_are_honest():
         solution = solve(image, plate, matching=Matching.NONE, start=start)
         start = start or solution.sweep
         total = truth.layer.alpha[solution.streak & solution.known].sum()
-        z_sum.append((solution.stats["sum_alpha"] - total) / solution.stats["sum_alpha_std"])
+        z_sum.append((solution.stats["sum_alpha"] - total) / solution.sum_std_without_factor)
         core = truth.layer.alpha > 0.05
         off.append((solution.alpha - truth.layer.alpha)[core])
         scale = solution.stats["alpha_scale_std"] * solution.alpha[core]
