@@ -80,8 +80,8 @@ def test_light_above_white_is_no_explanation():
     assert bright.value - 2 * bright.std > 0.4  # the color would be above white below 0.5
 
 
-def test_a_path_shorter_than_the_radius_is_at_rest():
+def test_a_path_shorter_than_half_the_radius_is_at_rest():
     still = state(0.5, 0.1, 0.006)
     assert is_at_rest(still)
-    assert is_at_rest(still.moved(PATH + np.array([0, 0, 0.9 * RADIUS, 0]), still.shape))
-    assert not is_at_rest(still.moved(PATH + np.array([0, 0, 1.1 * RADIUS, 0]), still.shape))
+    assert is_at_rest(still.moved(PATH + np.array([0, 0, 0.45 * RADIUS, 0]), still.shape))
+    assert not is_at_rest(still.moved(PATH + np.array([0, 0, 0.55 * RADIUS, 0]), still.shape))

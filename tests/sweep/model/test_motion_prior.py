@@ -92,7 +92,9 @@ def test_vague_prior_changes_nothing(pictures):
     prior = MotionPrior(6.0, 1e4, path_prior(1e4))
     vague = bm.solve(*pictures, matching=bm.Matching.NONE, prior=prior).sweep
     assert vague.radius == pytest.approx(free.radius, abs=0.2 * free.radius_std)
-    assert vague.trajectory.xy[64] == pytest.approx(free.trajectory.xy[64], abs=0.05)
+    # Fits end at a fraction of the error, which depends on the rounding of the processor.
+    ends_std = np.sqrt(np.diag(free.covariance)[:4]).reshape(2, 2).max(axis=0)
+    assert np.all(np.abs(vague.trajectory.xy[64] - free.trajectory.xy[64]) < ends_std / 2)
 
 
 def test_precise_prior_sets_the_path(pictures):
