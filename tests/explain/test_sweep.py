@@ -103,7 +103,11 @@ def test_rotation_and_change_of_the_shape_are_stated(solution, silhouette, words
     ("opacity", "std", "words"),
     [
         (0.5, 0.02, "It was there for 0.500 ± 0.020 of the exposure, or hides that part of the"),
-        (0.7, 0.25, "no texture through it that tells for how much of the exposure it was there"),
+        (
+            0.7,
+            0.25,
+            "too little of the plate's texture shows through it to determine the part of the exposure",
+        ),
         (1.0, 0.0, None),
     ],
 )

@@ -53,8 +53,8 @@ def _presence(sweep: Mapping[str, Any]) -> list[str]:
     fraction = with_error(opacity, std)
     if std > _MAX_KNOWN_STD:
         return [
-            "It was at rest, and the plate shows no texture through it that tells for how much of the "
-            f"exposure it was there ({fraction}): give its color."
+            "It was at rest, and too little of the plate's texture shows through it to determine the "
+            f"part of the exposure during which it was there ({fraction}): give its color."
         ]
     return [
         f"It was there for {fraction} of the exposure, or hides that part of the light behind it."

@@ -42,7 +42,7 @@ class Timing:
     stamps: npt.NDArray[np.int64]
     seconds: npt.NDArray[np.float64]  # (n,): the times of the frames; empty if they are not stated
     keys: npt.NDArray[np.int64]  # (m,): numbers of key frames, at which decoding can begin
-    lost: int = 0  # number of frames that cannot be decoded, as far as the packets show
+    lost: int = 0  # number of frames that cannot be decoded, by their packets
 
     @property
     def times(self) -> tuple[float, ...] | None:

@@ -43,7 +43,7 @@ class Cadence:
     repeated : tuple of int
         Frames that repeat the one before.
     jumps : tuple of (int, int, int)
-        Two frames in succession, and how many times as far as the others predict it moved.
+        Two frames in succession, and the ratio of the step between them to the predicted step.
     """
 
     repeated: tuple[int, ...]

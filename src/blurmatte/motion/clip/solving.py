@@ -268,9 +268,8 @@ def solve_clip(
 ) -> Iterator[tuple[int, Solution]]:
     """Separate a moving object from its background in each frame of a clip of a fixed camera.
 
-    Frames are measured alone first (`sightings`). Then each frame with the object is solved in a crop
-    around it, with what all frames share as a prior: the color, and the path and radius that the other
-    frames predict. One frame is in memory at a time for each process.
+    Frames are measured alone first (`sightings`). Then each is solved in a crop around the object;
+    color, path and radius that the other frames predict are a prior. Each process holds one frame.
 
     Parameters
     ----------
