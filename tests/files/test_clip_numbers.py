@@ -22,11 +22,12 @@ def code_of(k):
     return 30 + 6 * k
 
 
-def packets_of(codec, first, count, group=8, ticks=None):
+def packets_of(codec, first, count, group=8, ticks=None, options=None):
     """Coded packets of gray frames, each brighter than the one before, with B-frames; their stream."""
     rate, unit = 25, Fraction(1, 25 if codec == "mpeg2video" else 1000)
     context = av.CodecContext.create(codec, "w")
     context.width, context.height, context.pix_fmt = *SIZE, "yuv420p"
+    context.options = options or {}
     context.framerate, context.time_base = Fraction(rate), unit
     context.gop_size, context.bit_rate, context.max_b_frames = group, 2_000_000, 2
     packets = []
@@ -106,6 +107,15 @@ def test_clip_that_begins_between_key_frames_begins_with_the_first_decoded_frame
     with pytest.warns(bm.BlurmatteWarning):
         whole = check_numbers(path, list(range(first, 30)))
     assert np.allclose(np.diff(whole.times), 1 / 25)
+
+
+def test_clip_without_any_key_frame_is_refused(tmp_path):
+    """A decoder of MPEG-4 Part 2 invents what the first frames refer to."""
+    one_key = {"sc_threshold": "1000000000"}
+    context, packets = packets_of("mpeg4", 0, 12, group=100, options=one_key)
+    path = save(tmp_path / "cut.mkv", context, packets[3:])
+    with pytest.raises(bm.FileError, match="cut it at a key frame.*it has no key frame"):
+        read_frames(path, REC709)
 
 
 @pytest.mark.filterwarnings("ignore:.*it ends after about:blurmatte.BlurmatteWarning")

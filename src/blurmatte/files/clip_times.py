@@ -81,11 +81,13 @@ def timing_of(
 
     `decoded()` are the `VideoFrame`s of the clip from its beginning.
 
-    Raises FileError if none can be decoded. Warns BlurmatteWarning if the file is truncated, if frames
+    Raises FileError if none can be decoded, or if all need frames that are missing. Warns BlurmatteWarning if the file is truncated, if frames
     cannot be decoded, if time stamps repeat or go back, or if the file states that frames were taken at
     another rate than they are played at; times are then those of the capture, if the rates are
     constant.
     """
+    import av
+
     packets = _packets(container, stream)
     rate = float(stream.average_rate) if stream.average_rate else None
     _warn_if_truncated(path, container, stream, packets, stacklevel + 1)
@@ -93,6 +95,12 @@ def timing_of(
     first = next(decoded(), None)
     if first is None:
         raise FileError(f"{path}: copy or export it again; no frame can be decoded")
+    if len(stamps) and not len(packets.keys) and first.pict_type != av.video.frame.PictureType.I:
+        # Some decoders, such as that of MPEG-4 Part 2, invent what its frames refer to.
+        raise FileError(
+            f"{path}: cut it at a key frame, or export it again; it has no key frame, and all "
+            "frames refer to others that are missing"
+        )
     starts_late = np.any(stamps != _NO_STAMP) and first.pts != stamps.min()
     if starts_late or not packets.agree:
         stamps = _stamps_of_frames(decoded())
