@@ -10,6 +10,7 @@ from blurmatte.matting.occlusion import mean_of_neighbors, occluded
 from blurmatte.rendering import (
     Ball,
     Scene,
+    colorful_plate,
     plain_plate,
     render,
 )
@@ -68,7 +69,7 @@ def test_plate_of_the_object_color_gives_no_occluder():
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
     assert not occluded(BEHIND, ORANGE, B, B, variance, use).any()
     half = np.arange(SIZE[0])[:, None] < 70
-    blue = B[..., ::-1]
+    blue = np.where(half, 0.8, 1) * B[..., ::-1]  # an occluder is visible in the plate
     C = np.where(half, blue, blue + BEHIND[..., None] * (ORANGE - blue))
     assert occluded(BEHIND, ORANGE, C, blue, variance, use).any()
 
@@ -86,5 +87,19 @@ def test_a_sweep_that_is_mostly_hidden_has_no_occluder():
     B = np.broadcast_to(np.array([0.3, 0.33, 0.36]), (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
     assert not occluded(BEHIND, ORANGE, B, B, variance, use).any()
+    B = np.where(posts("post")[..., None], 0.8, 1) * B
     C = np.where(posts("post")[..., None], B, B + BEHIND[..., None] * (ORANGE - B))
     assert occluded(BEHIND, ORANGE, C, B, variance, use).any()
+
+
+@pytest.mark.parametrize("radius", [18, 26])
+@pytest.mark.parametrize("tile", [None, 6, 12])
+def test_a_sweep_of_the_wrong_width_has_no_occluder(radius, tile):
+    """honest: where the plate is visible within a sweep that is too wide, nothing hides the object."""
+    scene = SCENE if tile is None else replace(SCENE, plate=colorful_plate(SIZE, 1, tile=tile))
+    wrong = render(replace(scene, body=Ball(radius, ORANGE)), 120).layer.alpha
+    truth = render(scene, 120)
+    rng = np.random.default_rng(3)
+    C, B = (p.rgb + rng.normal(0, SIGMA, p.rgb.shape) for p in (truth.image, truth.plate))
+    use, variance = np.ones(wrong.shape, bool), np.full(C.shape, 2 * SIGMA**2)
+    assert not occluded(wrong, ORANGE, C, B, variance, use).any()

@@ -26,6 +26,7 @@ class OcclusionSettings:
     max_brightness: float = 2.0  #: of the object, over its typical brightness
     min_relative_alpha: float = 0.5  #: of the largest; an occluder reaches the core of the sweep
     max_hidden_fraction: float = 0.5  #: of total alpha
+    min_border_sigma: float = 3.0  #: of the mean rank of the plate's contrast at a border
 
 
 def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, use: Bools) -> Bools:
@@ -34,6 +35,7 @@ def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     Seeds are patches in which the object would be visible and the plate is; for wires narrower than a
     patch, three pixels of a patch that are clear each. Seeds grow into neighbors that look like the
     plate. Regions only at the rim of the sweep are ignored: the fitted shape may be slightly wrong.
+    So are all if their borders are no edges of the plate, in which an occluder is visible.
 
     alpha (h, w): of the sweep.
     light (3,): of the object at alpha 1.
@@ -60,8 +62,30 @@ def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     found = core | (use & near & (still < np.minimum(expected, S.min_patch_ratio)))
     inner = alpha > S.min_relative_alpha * alpha.max(initial=0)
     found = binary_propagation(found & inner, mask=found)
+    visible = _ends_at_edges(found, B, variance, use)
     fraction_ok = alpha[found & use].sum() < S.max_hidden_fraction * (alpha * use).sum()
-    return np.asarray(found & fraction_ok)
+    return np.asarray(found & fraction_ok & visible)
+
+
+def _ends_at_edges(found: Bools, B: Array, variance: Array, use: Bools) -> bool:
+    """Whether the border of a region is where the plate has edges.
+
+    An occluder is visible in the plate; a gap in the object, or a silhouette that is too wide, ends
+    anywhere. The plate's contrast has ranks 0…1 among the pixels of the sweep: uniform ones, and
+    independent between patches, at a border that lies anywhere.
+    """
+    from scipy.ndimage import maximum_filter
+    from scipy.stats import rankdata
+
+    S = OcclusionSettings
+    border = use & dilated(found, 1) & ~found
+    if not border.any():
+        return False
+    slopes = (np.diff(B, axis=axis, append=B.take([-1], axis)) for axis in (0, 1))
+    contrast = maximum_filter(sum(np.mean(d**2 / variance, axis=-1) for d in slopes), S.patch_px)
+    ranks = (rankdata(contrast[use]) - 0.5) / use.sum()
+    std = np.sqrt(S.patch_px / (12 * border.sum()))  # of a line of patches, with uniform ranks
+    return bool(ranks[border[use]].mean() > 0.5 + S.min_border_sigma * std)
 
 
 def mean_of_neighbors(values: npt.NDArray[np.floating]) -> Array:
