@@ -178,10 +178,9 @@ list(bm.save_clip(run, folder, bm.Workers(1)))
 """
 
 
+@pytest.mark.battery
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
-@pytest.mark.parametrize(  # while frames are measured, and while they are solved
-    "stop", [pytest.param(4, marks=pytest.mark.battery), 14]
-)
+@pytest.mark.parametrize("stop", [4, 14])  # while frames are measured, and while they are solved
 def test_killed_run_ends_with_the_same_bytes(shot, once, tmp_path, stop):
     words = [sys.executable, "-c", KILLED_RUN, str(shot), str(tmp_path), str(stop)]
     killed = subprocess.run(words, capture_output=True, text=True, check=False)
@@ -200,6 +199,7 @@ def test_missing_pyarrow_is_said_at_once(shot, monkeypatch):
         run_of(shot, table=".xlsx")
 
 
+@pytest.mark.battery
 def test_graphics_in_front_of_the_scene_are_no_motion(pictures, truth):
     """A clock at the bottom changes in every frame; the ball is solved, and nothing else."""
     frames, plate = pictures

@@ -141,8 +141,17 @@ def test_darker_pixels_are_those_of_the_shadow():
 # What solve and the fits make of it
 
 
-@pytest.mark.parametrize("find", [solve, fit_color, fit_sweep], ids=lambda f: f.__name__)
-@pytest.mark.parametrize("plate", ["gray", "colorful"])
+@pytest.mark.parametrize(
+    ("plate", "find"),
+    [
+        *(("gray", find) for find in (solve, fit_color, fit_sweep)),
+        ("colorful", solve),
+        *(
+            pytest.param("colorful", find, marks=pytest.mark.battery)
+            for find in (fit_color, fit_sweep)
+        ),
+    ],
+)
 def test_soft_shadow_is_rejected_without_a_color(plate, find):
     """door: with cause and remedy."""
     with pytest.raises(

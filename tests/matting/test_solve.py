@@ -237,6 +237,7 @@ def test_color_is_that_of_the_disc(paint):
     assert np.degrees(np.arccos(found.pole @ paint.model.pole)) < 3 * found.angle_std
 
 
+@pytest.mark.battery
 def test_an_adjacent_object_is_flagged():
     """Exact up to noise: ball and sheet are one streak; a disc explains the ball alone."""
     wall = plain_plate((160, 112), (0.34, 0.33, 0.3), 4)
@@ -405,7 +406,7 @@ def small_ball(plate, jpeg=None):
     return truth, *Shot(truth.scene, Camera(code_std=1 / 255, jpeg_quality=jpeg)).photograph(truth)
 
 
-@pytest.mark.parametrize("jpeg", [None, 92])
+@pytest.mark.parametrize("jpeg", [None, pytest.param(92, marks=pytest.mark.battery)])
 @pytest.mark.parametrize("kind", ["tiles", "plain"])
 def test_the_true_color_never_lowers_the_grade(kind, jpeg):
     """Information does not widen the error, which still holds."""
@@ -591,7 +592,8 @@ def test_numbers_that_overflow_are_no_answer(paint):
         solve(*pictures, ColorModel.from_hex("#ffc032"), Pixelwise(), streak=box)
 
 
-@pytest.mark.parametrize("model", [None, pytest.param(ColorModel.any(), marks=pytest.mark.battery)])
+@pytest.mark.battery
+@pytest.mark.parametrize("model", [None, ColorModel.any()])
 def test_a_small_object_in_a_jpeg_has_a_large_error(model):
     """honest: chroma subsampling hides shape and color."""
     scene = Scene(

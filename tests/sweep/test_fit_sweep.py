@@ -130,7 +130,13 @@ def test_faint_long_streak_is_fitted():
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["known file", "unknown file"])
-@pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
+@pytest.mark.parametrize(
+    "scenes",
+    [
+        pytest.param(FLAT, marks=pytest.mark.battery, id="wall"),
+        pytest.param(FLAT_BEFORE_TILES, id="tiles"),
+    ],
+)
 def test_chroma_subsampling_keeps_a_sharp_rim(scenes, known):
     """honest"""
     image, plate = photographed(scenes[LINE], 0, JPEG)

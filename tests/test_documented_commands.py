@@ -1,0 +1,247 @@
+"""Every command of the documents runs, with all extras and with none.
+
+The documents name files, such as throw.png. A stage has a small picture or clip under each of these
+names, so that a documented command does here what it says. Without an extra a command does the same,
+or names the extra in one line.
+"""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.trajectory import Trajectory
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+SIZE = (640, 400)  # the documents name points and boxes in it
+SMALL = (96, 64)
+NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
+COLOR = 0.9 * bm.ColorModel.from_hex("#d8ff3c").rgb[0]
+# Modules that only extras install, by the extra
+EXTRAS = {
+    "cluster": "distributed",
+    "heic": "pillow_heif",
+    "ocio": "PyOpenColorIO",
+    "photos": "skimage",
+    "plot": "matplotlib",
+    "raw": "rawpy",
+    "tables": "pyarrow",
+    "video": "av",
+}
+# Need a server, a terminal's shell, or another object than a ball
+ELSEWHERE = ("--scheduler", "--install-completion", "--rotation")
+
+
+def documented():
+    """Every `blurmatte …` of the documents' console blocks, without the words before it."""
+    for path in DOCUMENTS:
+        for block in re.findall(
+            r"```console\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL
+        ):
+            yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
+
+
+CALLS = sorted({call for call in documented() if not any(word in call for word in ELSEWHERE)})
+
+
+def seen(light, seed):
+    """What a camera with noise records of linear light (H, W, 3)."""
+    return bm.Camera(NOISE, bits=16).photograph(light, seed)
+
+
+def ball_on(plate, start, end, radius):
+    """A picture of a moving ball of the documents' color."""
+    return render(Scene(plate, Trajectory.line(start, end), Ball(radius, COLOR, ambient=0.6)))
+
+
+def set_stage(folder):
+    """Write every file that the documents name."""
+    write_pictures(folder)
+    write_rows(folder)
+    write_clips(folder)
+    write_results(folder)
+
+
+def write_pictures(folder):
+    plate = colorful_plate(SIZE, rng=2, tile=24)
+    throw, empty = ball_on(plate, (188, 146), (214, 164), 22), seen(plate, 1)
+    picture = seen(throw.image.rgb, 0)
+    for name, one in (("throw", picture), ("empty_room", empty)):
+        for extension in ("png", "jpg", "tif"):
+            bm.write(folder / f"{name}.{extension}", one)
+    bm.write(folder / "handheld.jpg", seen(np.roll(plate, 1, axis=1) * 0.95, 3))
+    bm.write(folder / "handheld.png", seen(np.roll(plate, 1, axis=1) * 0.95, 3))
+    bm.write(folder / "sunny.png", empty)
+    bm.write(folder / "in_shade.png", seen(plate * [0.4, 0.5, 0.6], 4))
+    bm.write(folder / "sharp.png", seen(ball_on(plate, (96, 70), (96, 70), 22).image.rgb, 5))
+    for name, size in (("beach.jpg", (500, 300)), ("beach.png", SIZE)):
+        bm.write(folder / name, bm.LinearImage(np.full((*size[::-1], 3), [0.2, 0.4, 0.7])))
+    where, fence = np.zeros((2, *SIZE[::-1], 3), np.uint8)
+    where[80:230, 90:310], fence[:, 300:306] = 255, 255
+    bm.write(folder / "where.png", where)
+    bm.write(folder / "fence.png", fence)
+    wall = np.full((620, 920, 3), 0.3) * np.linspace(0.8, 1, 920)[:, None]
+    bm.write(folder / "wall.tif", seen(wall, 6))
+    lens = {"fx": 700, "fy": 700, "cx": 320, "cy": 200, "size": SIZE}
+    (folder / "lens.json").write_text(json.dumps(lens), encoding="utf-8")
+    shutil.copytree(ROOT / "examples", folder / "examples")
+    scene = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
+    (folder / "my_scene.toml").write_text(re.search(r"```toml\n(.*?)```", scene, re.DOTALL)[1])
+
+
+def write_rows(folder):
+    """Brackets, stills, bursts, several throws and numbered pictures."""
+    plate = colorful_plate(SMALL, rng=3, tile=12)
+    for name in ("still", "burst", "bracket", "throws", "frames"):
+        (folder / name).mkdir()
+    for k in range(8):
+        bm.write(folder / "still" / f"{k}.png", seen(plate, k))
+        moving = ball_on(plate, (8 + 10 * k, 20), (16 + 10 * k, 26), 5).image.rgb
+        bm.write(folder / "burst" / f"{k}.png", seen(moving, k))
+        bm.write(folder / "frames" / f"{k}.png", seen(moving, k))
+    large = colorful_plate(SIZE, rng=2, tile=24)
+    for k in range(2):
+        moving = ball_on(large, (150, 140 + 40 * k), (190, 150 + 40 * k), 22).image.rgb
+        for extension in ("png", "jpg"):
+            bm.write(folder / "throws" / f"{k + 1}.{extension}", seen(moving, k))
+    bm.write(folder / "throws" / "3.jpg", seen(large, 9))
+    for k in range(5):
+        picture = seen(plate * 2.0 ** (k - 2), k)
+        exposed = replace(picture, meta=replace(picture.meta, exposure_time=2.0 ** (k - 6)))
+        bm.write(folder / "bracket" / f"{k}.jpg", exposed)
+    for name, k in (("a", 0), ("b", 2), ("c", 4)):
+        bm.write(folder / f"{name}.png", seen(plate * 2.0 ** (k - 2), k))
+    flight = [seen(light, k) for k, light in enumerate(falling(plate, 90, first=25))]
+    for extension in ("exr", "png"):
+        bm.write_frames(folder / f"shot.####.{extension}", flight, start=0)
+    bm.write(folder / "plate.exr", bm.LinearImage(plate.astype(np.float32), NOISE))
+
+
+def falling(plate, count, first=0):
+    """Light of `count` frames: a ball flies through twelve of them, from the frame `first`."""
+    for k in range(count):
+        age = k - first
+        if age < 0 or age > 11:
+            yield plate
+        else:
+            start, end = ((8 + 7 * t, 12 + 0.3 * t**2) for t in (age, age + 0.5))
+            yield ball_on(plate, start, end, 5).image.rgb
+
+
+def write_clips(folder):
+    plate = colorful_plate(SMALL, rng=3, tile=12)
+    for name, count, first, rate in (
+        ("throw", 53, 40, 30),
+        ("rally", 310, 25, 10),
+        ("juggling", 12, 0, 30),
+    ):
+        frames = (seen(light, k) for k, light in enumerate(falling(plate, count, first)))
+        bm.write_frames(folder / f"{name}.mp4", frames, rate)
+    large = colorful_plate(SIZE, rng=2, tile=24)
+    layers = [ball_on(large, (60 + 40 * k, 90), (90 + 40 * k, 99), 14).layer for k in range(4)]
+    bm.write_frames(folder / "layers" / "ball.####.exr", layers)
+    bm.write_frames(folder / "layers" / "ball.mov", layers, 30)
+    bm.write_frames(folder / "ball.mov", layers, 30)
+    bm.write_frames(folder / "gone.####.png", (seen(plate, k) for k in range(4)))
+
+
+def write_results(folder):
+    """What the commands before a command have written."""
+    here = Path.cwd()
+    os.chdir(folder)
+    try:
+        for call in (
+            "render --all --out scenes/",
+            "solve throw.png --plate empty_room.png --out out/",
+            "solve throws/1.png throws/2.png --plate empty_room.png --out out/",
+            "solve rally.mp4 --frames 24:31 --out out/ --workers 1",
+            "calibrate noise still/*.png --out camera.json",
+            "calibrate response 'bracket/*.jpg' --out mycam.json",
+            "color throw.png --plate empty_room.png --out ball.json",
+            "solve scenes/easy/image.png --plate scenes/easy/plate.png --out results/easy",
+        ):
+            result = CliRunner().invoke(app, shlex.split(call))
+            assert result.exit_code == 0, (call, result.output)
+    finally:
+        os.chdir(here)
+
+
+def run_all(stage, without):
+    """Print a line for each call: what it gives in a copy of the stage, without some modules."""
+    for module in without:
+        sys.modules[module] = None
+    for number, call in enumerate(CALLS):
+        folder = stage.parent / f"{'none' if without else 'all'}_{number}"
+        shutil.copytree(stage, folder, copy_function=os.link)
+        os.chdir(folder)
+        result = CliRunner().invoke(app, shlex.split(call))
+        os.chdir(stage)
+        shutil.rmtree(folder)
+        print(json.dumps([call, result.exit_code, result.stdout, result.stderr]), flush=True)
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("documented") / "stage"
+    folder.mkdir()
+    set_stage(folder)
+    return folder
+
+
+def answers(stage, extras):
+    """Exit code, output and errors of each call, from a process that can import these extras."""
+    words = [
+        sys.executable,
+        __file__,
+        stage,
+        *(EXTRAS[name] for name in EXTRAS if name not in extras),
+    ]
+    done = subprocess.run(words, capture_output=True, text=True, encoding="utf-8", check=False)
+    assert done.returncode == 0, done.stderr
+    lines = (json.loads(line) for line in done.stdout.splitlines() if line.startswith("["))
+    return {call: answer for call, *answer in lines}
+
+
+@pytest.mark.battery
+def test_documented_commands_run_with_all_extras(stage):
+    found = answers(stage, EXTRAS)
+    assert found.keys() == set(CALLS)
+    assert {call: answer for call, answer in found.items() if answer[0] != 0} == {}
+
+
+@pytest.mark.battery
+def test_documented_commands_run_or_name_the_extra_without_extras(stage):
+    found = answers(stage, ())
+    assert found.keys() == set(CALLS)
+    failed = {call: answer for call, answer in found.items() if answer[0] != 0}
+    unnamed = {
+        call: answer
+        for call, answer in failed.items()
+        if not re.search(r'pip install "blurmatte\[\w+\]"', answer[2]) or answer[2].count("\n") > 3
+    }
+    assert unnamed == {}
+    files = re.compile(r"\.(mp4|mov|parquet)\b|--plot|--table parquet")
+    assert [call for call in failed if not files.search(call)] == []
+
+
+def test_extras_are_those_of_the_project():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert EXTRAS.keys() == project["optional-dependencies"].keys() - {"dev"}
+
+
+if __name__ == "__main__":
+    run_all(Path(sys.argv[1]), sys.argv[2:])
