@@ -20,6 +20,7 @@ from blurmatte.figures.drawing import (
     fitted,
     gray_codes,
     heat_codes,
+    light_of_codes,
     round_up,
     srgb_codes,
 )
@@ -155,17 +156,17 @@ def _draw_swatch(sheet: Sheet, x: int, y: int, width: int, one: Alternative) -> 
 def _panels(
     image: LinearImage, plate: LinearImage, solution: Solution, place: tuple[slice, slice]
 ) -> list[Panel]:
-    part = _cut(solution, place)
+    part = solution.within(place)
     layer = part.layer
     peak = round_up(min(alpha_peak(part), 1))
     background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
     return [
-        Panel(srgb_codes(image.rgb[place]), "image"),
-        Panel(srgb_codes(plate.rgb[place]), "plate"),
+        Panel(image.rgb[place], "image"),
+        Panel(plate.rgb[place], "plate"),
         Panel(gray_codes(layer.alpha, peak), "alpha", f"white = {peak:g}"),
         Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
         _error_panel(part),
-        Panel(srgb_codes(layer.over(background).rgb), "layer", "over a checkerboard"),
+        Panel(layer.over(background).rgb, "layer", "over a checkerboard"),
     ]
 
 
@@ -197,15 +198,8 @@ def _layout(solution: Solution) -> Layout:
 
 def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
     """First row and one past the last of the streak, and the same for columns."""
-    if not solution.streak.any():
-        return (0, solution.size[1]), (0, solution.size[0])
-    y, x = (np.flatnonzero(solution.streak.any(axis=axis)) for axis in (1, 0))
-    return (int(y[0]), int(y[-1]) + 1), (int(x[0]), int(x[-1]) + 1)
-
-
-def _cut(solution: Solution, place: tuple[slice, slice]) -> Solution:
-    names = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
-    return replace(solution, **{name: getattr(solution, name)[place] for name in names})
+    rows, columns = solution.streak_place
+    return (rows.start, rows.stop), (columns.start, columns.stop)
 
 
 def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
@@ -228,11 +222,10 @@ def _possible(model: ColorModel) -> list[Pixels]:
     return [srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
 
 
-def _shown_color(part: Solution) -> Pixels:
-    sure = sure_pixels(part)
-    return np.where(
-        sure[..., None], srgb_codes(part.layer.straight()), np.array(Palette.neutral, np.uint8)
-    )
+def _shown_color(part: Solution) -> Floats:
+    color = part.layer.straight()
+    color[~sure_pixels(part)] = light_of_codes(np.array(Palette.neutral, np.uint8))
+    return color
 
 
 def sure_pixels(solution: Solution) -> Bools:
