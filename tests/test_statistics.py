@@ -205,7 +205,9 @@ def test_nonnegative_least_squares_are_those_of_scipy():
             y = rng.normal(size=20)
             found = nonnegative_least_squares(A, y)
             known, _ = nnls(A, y)
-            assert_allclose(found * np.linalg.norm(A, axis=0), known * np.linalg.norm(A, axis=0), atol=1e-12)
+            assert_allclose(
+                found * np.linalg.norm(A, axis=0), known * np.linalg.norm(A, axis=0), atol=1e-12
+            )
             active.add((columns, int(np.count_nonzero(found))))
     assert active == {(n, k) for n in (1, 2, 3) for k in range(n + 1)}
 

@@ -158,11 +158,13 @@ class Solution:
         y, x = (np.flatnonzero(self.streak.any(axis=axis)) for axis in (1, 0))
         return slice(int(y[0]), int(y[-1]) + 1), slice(int(x[0]), int(x[-1]) + 1)
 
-    @property
+    @cached_property
     def known(self) -> Bools:
-        """(H, W) True where alpha is known: its error is finite and not too large."""
+        """(H, W) True where alpha is known: its error is finite and not too large; read only."""
         certain = (self.quality & Quality.PLATE_IN_MODEL) == 0
-        return np.asarray(certain & np.isfinite(self.alpha_std))
+        known = np.asarray(certain & np.isfinite(self.alpha_std))
+        known.setflags(write=False)
+        return known
 
     @property
     def layer(self) -> Layer:
