@@ -425,7 +425,7 @@ def save_pixels(
     spec.channelnames = tuple(names)
     if path.suffix == ".png":
         spec["png:compressionLevel"] = 4  # a quarter of the time of level 6, 5 % larger files
-        # Paeth's filter in all rows: files as small as with one chosen for each row, in 60 % of the time.
+        # Paeth's filter in all rows: files as small as with one chosen for each, in 60 % of the time.
         spec["png:filter"] = 0x80
     spec.alpha_channel = names.index("A") if "A" in names else -1
     if path.suffix in (".tif", ".exr"):

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, NoiseModel
 
 MIN_DEVIATION = 8.0  # standard deviations of d by which an outlier differs from its neighbors
 # Of a point's light that a neighbor gets at least: a Gaussian point spread of 0.3 pixels leaves 5 %
 MIN_SPREAD = 0.05
 RING = 2  # pixels, of the neighbors beyond the nearest
-PART = 100_000  # strong pixels that are compared at a time, to save memory
+STRIP_ROWS = 128  # of a picture at a time, to save memory
 
 
 def outliers(image: LinearImage, plate: LinearImage) -> Bools:
@@ -26,10 +26,24 @@ def outliers(image: LinearImage, plate: LinearImage) -> Bools:
     The noise is known. The four nearest neighbors of a pixel get `MIN_SPREAD` of its light, in the
     median, relative to a ring around them. Two adjacent outliers are found, larger groups are not.
     """
-    d = np.asarray(image.rgb - plate.rgb, np.float32)
-    sigma = np.sqrt(np.maximum(image.variance + plate.variance, 1e-12))
     found = np.zeros(image.valid.shape, bool)
-    for y, x in _candidates(d / sigma, image.valid & plate.valid):
+    for first in range(0, len(found), STRIP_ROWS):
+        rows = slice(max(first - RING, 0), first + STRIP_ROWS + RING)
+        d = np.asarray(image.rgb[rows] - plate.rgb[rows], np.float32)
+        sigma = np.sqrt(np.maximum(_variance(image, rows) + _variance(plate, rows), 1e-12))
+        found[rows] |= _in_strip(d, sigma, image.valid[rows] & plate.valid[rows])
+    return found
+
+
+def _variance(picture: LinearImage, rows: slice) -> Floats:
+    noise = picture.noise
+    return noise.variance(picture.rgb[rows]) if isinstance(noise, NoiseModel) else noise[rows]
+
+
+def _in_strip(d: Floats, sigma: Floats, valid: Bools) -> Bools:
+    """`outliers` in a strip of rows, without the first and last rows of it."""
+    found = np.zeros(valid.shape, bool)
+    for y, x in _candidates(d / sigma, valid):
         window = d[y - RING : y + RING + 1, x - RING : x + RING + 1].astype(float)
         ring = np.concatenate(
             [window[[0, -1]].reshape(-1, 3), window[1:-1, [0, -1]].reshape(-1, 3)]
@@ -56,8 +70,7 @@ def _candidates(z: Floats, valid: Bools) -> npt.NDArray[np.intp]:
     strong = valid & (size > MIN_DEVIATION)
     strong[:RING] = strong[-RING:] = strong[:, :RING] = strong[:, -RING:] = False
     yx = np.argwhere(strong)
-    some = [_exceed_neighbors(size, part) for part in np.array_split(yx, len(yx) // PART + 1)]
-    return yx[np.concatenate(some)]
+    return yx[_exceed_neighbors(size, yx)]
 
 
 def _exceed_neighbors(size: Floats, yx: npt.NDArray[np.intp]) -> Bools:
