@@ -80,8 +80,8 @@ def save_results(
     for name, picture in (("image", image), ("plate", plate)):
         check_same_size(name, picture.size, "the solution", solution.size)
     layer = solution.layer
-    color = layer.straight()
-    color[~sure_pixels(solution)] = 0
+    color, place = layer.straight(), solution.streak_place
+    color[place][~sure_pixels(solution.within(place))] = 0
     results = {
         "alpha.png": layer.alpha,
         "color.png": LinearImage(color),

@@ -85,10 +85,10 @@ def _warned(solution: Solution) -> list[str]:
     return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
-def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
+def _head(sheet: Sheet, whole: Pixels, solution: Solution) -> None:
     """Draw the whole picture and, to its right, the findings in words."""
-    sheet.paste(whole.pixels, Page.margin, sheet.y)
-    x = Page.margin + whole.pixels.shape[1] + Page.gap + 8
+    sheet.paste(whole, Page.margin, sheet.y)
+    x = Page.margin + whole.shape[1] + Page.gap + 8
     y = _draw_model(sheet, x, solution)
     y = _draw_alternatives(sheet, x, y, solution)
     y = sheet.heading(x, y + 14, "what was found")
@@ -96,7 +96,7 @@ def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
     drawn = len(_warned(solution)) + len(alternatives_in_words(solution))
     for fact in explain(solution)[drawn:]:  # the others are in the banner and under the swatches
         y = sheet.line(x, y, fact, Palette.warning if fact in doubtful else Palette.bright) + 5
-    sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + Page.gap
+    sheet.y = max(y, sheet.y + whole.shape[0]) + Page.gap
 
 
 def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
@@ -253,7 +253,7 @@ def _error_panel(part: Solution) -> Panel:
     return Panel(pixels, "error", "std of alpha in the streak", legend)
 
 
-def _whole(image: LinearImage, solution: Solution) -> Panel:
+def _whole(image: LinearImage, solution: Solution) -> Pixels:
     """The whole picture with a box around each moving object."""
     from PIL import ImageDraw
 
@@ -266,7 +266,7 @@ def _whole(image: LinearImage, solution: Solution) -> Panel:
     _draw_sweep(pen, solution, scale)
     (y0, y1), (x0, x1) = _spans(solution)
     pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=Palette.streak, width=3)
-    return Panel(np.asarray(picture), "")
+    return np.asarray(picture)
 
 
 def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:

@@ -36,8 +36,10 @@ def outliers(image: LinearImage, plate: LinearImage) -> Bools:
 
 
 def _variance(picture: LinearImage, rows: slice) -> Floats:
-    noise = picture.noise
-    return noise.variance(picture.rgb[rows]) if isinstance(noise, NoiseModel) else noise[rows]
+    """Noise variance of some rows, without that of the others."""
+    if isinstance(picture.noise, NoiseModel):
+        return picture.noise.variance(picture.rgb[rows])
+    return picture.variance[rows]
 
 
 def _in_strip(d: Floats, sigma: Floats, valid: Bools) -> Bools:
