@@ -62,7 +62,8 @@ def mixed_plate(image: LinearImage, plate: LinearImage, still: Bools) -> MixedPl
     noise = np.sum(image.variance + plate.variance, axis=-1)
     kappa = _kappa(np.sum((image.rgb - B) ** 2, axis=-1)[still], noise[still], trace[still])
     edges = (kappa * trace > EdgeSettings.min_noise_ratio * noise) & image.valid & plate.valid
-    return MixedPlate(edges, kappa * K[edges][:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]])
+    whole = np.take(K[edges], [[0, 1, 2], [1, 3, 4], [2, 4, 5]], axis=1)
+    return MixedPlate(edges, kappa * whole)
 
 
 def _neighborhoods(B: Array) -> Array:
