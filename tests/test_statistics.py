@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
+from scipy.optimize import nnls
 from scipy.stats import chi2, norm
 
 from blurmatte.statistics import (
@@ -16,6 +17,7 @@ from blurmatte.statistics import (
     cell_means,
     chi_square_quantile,
     core_mean_square,
+    nonnegative_least_squares,
     robust_std,
     scaled_inverse,
     significant_inflation,
@@ -191,3 +193,26 @@ def test_scaled_inverse_is_zero_without_information():
     inverse = scaled_inverse(np.array([[4.0, 4.0], [4.0, 4.0]]))
     assert_allclose(inverse @ [1, -1], 0, atol=1e-15)
     assert_allclose(inverse @ [1, 1], 1 / 8)
+
+
+def test_nonnegative_least_squares_are_those_of_scipy():
+    """Oracle: for one to three columns, of very different size, with 0 to 3 active bounds."""
+    rng = np.random.default_rng(5)
+    active = set()
+    for columns in (1, 2, 3):
+        for _ in range(100):
+            A = rng.normal(size=(20, columns)) * [1e-3, 1.0, 1e3][:columns]
+            y = rng.normal(size=20)
+            found = nonnegative_least_squares(A, y)
+            known, _ = nnls(A, y)
+            assert_allclose(
+                found * np.linalg.norm(A, axis=0), known * np.linalg.norm(A, axis=0), atol=1e-12
+            )
+            active.add((columns, int(np.count_nonzero(found))))
+    assert active == {(n, k) for n in (1, 2, 3) for k in range(n + 1)}
+
+
+def test_nonnegative_least_squares_of_equal_columns_and_of_none():
+    y = np.arange(1.0, 5)
+    assert_allclose(nonnegative_least_squares(np.stack([y, y, 0 * y], axis=1), 2 * y).sum(), 2)
+    assert_array_equal(nonnegative_least_squares(np.zeros((4, 2)), y), 0)

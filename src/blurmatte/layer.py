@@ -125,10 +125,14 @@ class Layer:
 
     def straight(self) -> Floats:
         """(H, W, 3) linear color of the object; 0 where alpha is 0."""
-        alpha = self.alpha[..., None]
-        return np.divide(
-            self.premultiplied, alpha, out=np.zeros_like(self.premultiplied), where=alpha > 0
-        )
+        straight = np.zeros(self.premultiplied.shape, self.premultiplied.dtype)
+        if self._box is None:
+            return straight
+        x0, y0, x1, y1 = self._box
+        place = np.s_[y0:y1, x0:x1]
+        alpha = self.alpha[place][..., None]
+        np.divide(self.premultiplied[place], alpha, out=straight[place], where=alpha > 0)
+        return straight
 
     def fade(self, factor: float) -> "Layer":
         """Alpha times a factor, at most 1; color and shading are kept [GC07 §4].

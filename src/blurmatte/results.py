@@ -80,10 +80,11 @@ def save_results(
     for name, picture in (("image", image), ("plate", plate)):
         check_same_size(name, picture.size, "the solution", solution.size)
     layer = solution.layer
-    color = np.where(sure_pixels(solution)[..., None], layer.straight(), 0)
+    color, place = layer.straight(), solution.streak_place
+    color[place][~sure_pixels(solution.within(place))] = 0
     results = {
         "alpha.png": layer.alpha,
-        "color.png": LinearImage(color.astype(layer.premultiplied.dtype)),
+        "color.png": LinearImage(color),
         "layer.exr": solution,
         "layer.png": layer,
         "model.json": solution.model,

@@ -6,6 +6,7 @@ number of pixels if all of them have the same error. It is n / effective n.
 """
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -129,6 +130,25 @@ def pooled_log_odds(odds: Sequence[tuple[float, float]], mistake_probability: fl
     mistake, right = np.log(mistake_probability), np.log1p(-mistake_probability)
     bounded = np.logaddexp(right + each, mistake) - np.logaddexp(right, mistake + each)
     return np.asarray(bounded.sum(axis=0))
+
+
+def nonnegative_least_squares(A: Array, y: Array) -> Array:
+    """(k,) x >= 0 that minimizes |A x − y|, for few columns (n, k): the best of all sets of them.
+
+    Columns beyond the rank of the others have the coefficient 0. `scipy.optimize` has the same for
+    many columns, but takes a third of a second to import.
+    """
+    scale = np.linalg.norm(A, axis=0)
+    unit = A / np.where(scale > 0, scale, 1)
+    best, least = np.zeros(A.shape[1]), float(y @ y)
+    for count in range(1, A.shape[1] + 1):
+        for some in map(list, combinations(range(A.shape[1]), count)):
+            x, _, rank, _ = np.linalg.lstsq(unit[:, some], y, rcond=None)
+            rest = unit[:, some] @ x - y
+            if rank == count and x.min() >= 0 and rest @ rest < least:
+                best, least = np.zeros(A.shape[1]), float(rest @ rest)
+                best[some] = x / scale[some]
+    return best
 
 
 def scaled_inverse(matrix: Array) -> Array:

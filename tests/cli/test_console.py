@@ -1,10 +1,11 @@
 """Progress on a terminal."""
 
 import io
+import logging
 
 import pytest
 
-from blurmatte.cli.console import waiting, with_progress
+from blurmatte.cli.console import STAGES, Verbosity, printing, waiting, with_progress
 
 
 class Screen(io.StringIO):
@@ -37,6 +38,15 @@ def test_waiting_shows_task_and_time(monkeypatch):
         raise ValueError("no color")
     assert "finding its color" in screen.getvalue()
     assert "0:00:0" in screen.getvalue()
+
+
+def test_stage_of_solve_is_shown_with_its_number(monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with printing(Verbosity()), waiting("solving"):
+        logging.getLogger("blurmatte").info(STAGES[3])
+    assert f"4/{len(STAGES)} fitting the sweep" in screen.getvalue()
 
 
 def test_no_progress_without_terminal(capsys):

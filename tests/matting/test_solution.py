@@ -111,3 +111,25 @@ def test_rejects_wrong_arguments(field, value, error):
     }
     with pytest.raises(error, match=f"{field} must"):
         Solution(**{**fields, field: value})
+
+
+def test_layer_converts_the_streak_only(monkeypatch):
+    """Its cost is that of the streak, whatever the size of the picture."""
+    from blurmatte.matting import solution as module
+
+    seen, convert = [], module.light_in_srgb
+    monkeypatch.setattr(
+        module, "light_in_srgb", lambda light, m: seen.append(light.size) or convert(light, m)
+    )
+    small = solution([0.5, 0.25], [GOOD, GOOD])
+    large = small.in_picture((40, 30, 42, 31), (100, 80))
+    assert_array_equal(large.layer.alpha[30, 40:42], small.layer.alpha[0])
+    assert_array_equal(large.layer.crop((40, 30, 42, 31)).premultiplied, small.layer.premultiplied)
+    assert large.layer.alpha.sum() == 0.75
+    assert set(seen) == {6}
+
+
+def test_masks_are_read_only():
+    for mask in (solution([0.5], [GOOD]).streak, solution([0.5], [GOOD]).known):
+        with pytest.raises(ValueError, match="read-only"):
+            mask[0] = False

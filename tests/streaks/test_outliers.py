@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
+from blurmatte.streaks import outliers as outliers_module
 from blurmatte.streaks.outliers import outliers
 
 NOISE = bm.NoiseModel(read_std=0.003)
@@ -79,3 +80,20 @@ def test_firefly_does_not_change_alpha_and_is_flagged():
     assert solution.quality[30, 40] & bm.Quality.SATURATED
     others = np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE[:2]) != 30 * SHAPE[1] + 40
     assert np.allclose(solution.alpha[others], clean.alpha[others], equal_nan=True)
+
+
+def test_neighbors_are_compared_for_strong_pixels_only(monkeypatch):
+    """The cost of the comparison is that of the streak, whatever the size of the picture."""
+    seen = []
+    compare = outliers_module._exceed_neighbors
+    monkeypatch.setattr(
+        outliers_module, "_exceed_neighbors", lambda z, yx: seen.append(len(yx)) or compare(z, yx)
+    )
+    counts = []
+    for times in (1, 8):
+        image, plate = (np.pad(p, [(0, 60 * (times - 1)), (0, 0), (0, 0)]) for p in pictures())
+        seen.clear()
+        of(image, plate)
+        counts.append(sum(seen))
+    assert counts[0] == counts[1]
+    assert 0 < counts[0] < 0.3 * SHAPE[0] * SHAPE[1]

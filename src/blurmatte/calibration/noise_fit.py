@@ -17,7 +17,7 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import NoiseModel
-from blurmatte.statistics import robust_std
+from blurmatte.statistics import nonnegative_least_squares, robust_std
 
 Levels = tuple[Array, ...]
 
@@ -132,13 +132,11 @@ def fit_sensor(x: Array, y: Array, spread: Array, rounding: Array) -> tuple[Arra
 
 def _weighted(A: Array, y: Array, spread: Array, rounding: Array) -> tuple[Array, Array, Array]:
     """θ, weights of the levels and standard deviations of y; outliers are weighted down (Cauchy)."""
-    from scipy.optimize import nnls
-
     theta, trust = np.zeros(A.shape[1]), np.ones(len(y))
     y_std = spread * np.maximum(y + rounding, _TINY)
     for _ in range(8):
         root = np.sqrt(trust) / y_std
-        theta, _ = nnls(A * root[:, None], y * root)
+        theta = nonnegative_least_squares(A * root[:, None], y * root)
         y_std = spread * np.maximum(A @ theta + rounding, _TINY)
         z = np.abs(y - A @ theta) / y_std
         trust = 1 / (1 + (z / (3 * max(robust_std(z), 1.0))) ** 2)

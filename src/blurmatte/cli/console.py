@@ -33,6 +33,17 @@ T = TypeVar("T")
 
 GENERAL = "General"  # the group of options that all commands have
 
+# What is done to solve one picture, as it is logged, in this order; some of it is not always needed.
+STAGES = (
+    "reading the picture",
+    "matching the plate",
+    "finding the streak",
+    "fitting the sweep",
+    "solving alpha",
+    "solving alpha without a shape",
+    "writing the results",
+)
+
 _IN_OPTIONS = (  # Python's names in messages of the library, and what the command line calls them
     (r'\w+="?\w*"? \((--[^)]*)\)', r"\1"),
     (r"\b[a-z]+_[a-z_]+ \((--[^)]*)\)", r"\1"),
@@ -309,8 +320,10 @@ class _Shown:
     title: str = ""
 
     def stage(self, name: str) -> None:
-        """Show what is done now."""
+        """Show what is done now, and which of the stages it is."""
         if self.bar is not None:
+            if name in STAGES:
+                name = f"{STAGES.index(name) + 1}/{len(STAGES)} {name}"
             self.bar.update(self.task, description=f"{self.title}: {name}" if self.title else name)
 
 

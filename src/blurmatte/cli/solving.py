@@ -142,7 +142,9 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
     from blurmatte.explain.doubt import doubts
     from blurmatte.explain.recomposition import usable_all_the_same
 
+    log = logging.getLogger("blurmatte")
     with about(path) as said:
+        log.info("reading the picture")
         C = task.reading.read(path, said)
         match = bm.fit_match(C, task.plate, task.matching)
         matched = match.apply(task.plate)
@@ -164,7 +166,7 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
         for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
             said.append(f"{path}: {doubt.rstrip('.')}")
             warn(said[-1])
-        logging.getLogger("blurmatte").info("writing the results")
+        log.info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
     *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, match, folder)]

@@ -31,7 +31,7 @@ class Palette:
     heat: Sequence[Color] = ((18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120))
 
 
-def srgb_codes(light: Floats) -> Pixels:
+def srgb_codes(light: npt.NDArray[Any]) -> Pixels:
     """Clipped sRGB codes of linear light."""
     return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
 
@@ -63,12 +63,22 @@ def over_checkerboard(layer: Layer) -> Pixels:
     return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
 
-def rescaled(pixels: Pixels, scale: int) -> Pixels:
-    """Pixels enlarged `scale` times, or for −n averaged over n x n pixels in linear light."""
+def light_of_codes(codes: npt.NDArray[Any]) -> Floats:
+    """Linear light of sRGB codes."""
+    return np.asarray(SRGB.table(256).astype(np.float32)[codes])
+
+
+def rescaled(pixels: Pixels | Floats, scale: int) -> Pixels:
+    """Codes of pixels enlarged `scale` times, or for −n averaged over n x n pixels in linear light.
+
+    Pixels that are linear light are encoded only once they are as few as shown.
+    """
+    codes = pixels if pixels.dtype == np.uint8 else None
     if scale > 0:
-        return pixels.repeat(scale, axis=0).repeat(scale, axis=1)
+        shown = srgb_codes(pixels) if codes is None else codes
+        return np.asarray(shown.repeat(scale, axis=0).repeat(scale, axis=1))
     rows, columns = (np.arange(0, side, -scale) for side in pixels.shape[:2])
-    light = SRGB.table(256).astype(np.float32)[pixels]
+    light = np.clip(pixels, 0, 1) if codes is None else light_of_codes(codes)
     total = np.add.reduceat(np.add.reduceat(light, rows, axis=0), columns, axis=1)
     count = np.outer(
         *(np.diff([*at, side]) for at, side in zip((rows, columns), pixels.shape, strict=False))

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.checks import Floats
 from blurmatte.figures.drawing import Color, Palette, Pixels, heat_codes, rescaled
 
 
@@ -27,7 +28,7 @@ class Page:
 class Panel:
     """A picture with its title, a remark, and a legend of its colors."""
 
-    pixels: Pixels
+    pixels: Pixels | Floats  # (H, W, 3) codes, or linear light
     title: str
     remark: str = ""
     legend: Sequence[tuple[Color | None, str]] = ()  # None: the heat scale

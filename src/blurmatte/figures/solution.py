@@ -20,6 +20,7 @@ from blurmatte.figures.drawing import (
     fitted,
     gray_codes,
     heat_codes,
+    light_of_codes,
     round_up,
     srgb_codes,
 )
@@ -84,10 +85,10 @@ def _warned(solution: Solution) -> list[str]:
     return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
-def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
+def _head(sheet: Sheet, whole: Pixels, solution: Solution) -> None:
     """Draw the whole picture and, to its right, the findings in words."""
-    sheet.paste(whole.pixels, Page.margin, sheet.y)
-    x = Page.margin + whole.pixels.shape[1] + Page.gap + 8
+    sheet.paste(whole, Page.margin, sheet.y)
+    x = Page.margin + whole.shape[1] + Page.gap + 8
     y = _draw_model(sheet, x, solution)
     y = _draw_alternatives(sheet, x, y, solution)
     y = sheet.heading(x, y + 14, "what was found")
@@ -95,7 +96,7 @@ def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
     drawn = len(_warned(solution)) + len(alternatives_in_words(solution))
     for fact in explain(solution)[drawn:]:  # the others are in the banner and under the swatches
         y = sheet.line(x, y, fact, Palette.warning if fact in doubtful else Palette.bright) + 5
-    sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + Page.gap
+    sheet.y = max(y, sheet.y + whole.shape[0]) + Page.gap
 
 
 def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
@@ -155,17 +156,17 @@ def _draw_swatch(sheet: Sheet, x: int, y: int, width: int, one: Alternative) -> 
 def _panels(
     image: LinearImage, plate: LinearImage, solution: Solution, place: tuple[slice, slice]
 ) -> list[Panel]:
-    part = _cut(solution, place)
+    part = solution.within(place)
     layer = part.layer
     peak = round_up(min(alpha_peak(part), 1))
     background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
     return [
-        Panel(srgb_codes(image.rgb[place]), "image"),
-        Panel(srgb_codes(plate.rgb[place]), "plate"),
+        Panel(image.rgb[place], "image"),
+        Panel(plate.rgb[place], "plate"),
         Panel(gray_codes(layer.alpha, peak), "alpha", f"white = {peak:g}"),
         Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
         _error_panel(part),
-        Panel(srgb_codes(layer.over(background).rgb), "layer", "over a checkerboard"),
+        Panel(layer.over(background).rgb, "layer", "over a checkerboard"),
     ]
 
 
@@ -197,15 +198,8 @@ def _layout(solution: Solution) -> Layout:
 
 def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
     """First row and one past the last of the streak, and the same for columns."""
-    if not solution.streak.any():
-        return (0, solution.size[1]), (0, solution.size[0])
-    y, x = (np.flatnonzero(solution.streak.any(axis=axis)) for axis in (1, 0))
-    return (int(y[0]), int(y[-1]) + 1), (int(x[0]), int(x[-1]) + 1)
-
-
-def _cut(solution: Solution, place: tuple[slice, slice]) -> Solution:
-    names = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
-    return replace(solution, **{name: getattr(solution, name)[place] for name in names})
+    rows, columns = solution.streak_place
+    return (rows.start, rows.stop), (columns.start, columns.stop)
 
 
 def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
@@ -228,11 +222,10 @@ def _possible(model: ColorModel) -> list[Pixels]:
     return [srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
 
 
-def _shown_color(part: Solution) -> Pixels:
-    sure = sure_pixels(part)
-    return np.where(
-        sure[..., None], srgb_codes(part.layer.straight()), np.array(Palette.neutral, np.uint8)
-    )
+def _shown_color(part: Solution) -> Floats:
+    color = part.layer.straight()
+    color[~sure_pixels(part)] = light_of_codes(np.array(Palette.neutral, np.uint8))
+    return color
 
 
 def sure_pixels(solution: Solution) -> Bools:
@@ -260,7 +253,7 @@ def _error_panel(part: Solution) -> Panel:
     return Panel(pixels, "error", "std of alpha in the streak", legend)
 
 
-def _whole(image: LinearImage, solution: Solution) -> Panel:
+def _whole(image: LinearImage, solution: Solution) -> Pixels:
     """The whole picture with a box around each moving object."""
     from PIL import ImageDraw
 
@@ -273,7 +266,7 @@ def _whole(image: LinearImage, solution: Solution) -> Panel:
     _draw_sweep(pen, solution, scale)
     (y0, y1), (x0, x1) = _spans(solution)
     pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=Palette.streak, width=3)
-    return Panel(np.asarray(picture), "")
+    return np.asarray(picture)
 
 
 def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:

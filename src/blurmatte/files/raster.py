@@ -31,6 +31,7 @@ from blurmatte.files.errors import (
     wanted_channels,
 )
 from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbers, parse_tags
+from blurmatte.files.exr_blocks import distinct_blocks, repeat_blocks, written_rows
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import BMP, EXR, JPEG, PNG, RAW, TIFF, Format
@@ -415,11 +416,17 @@ def save_pixels(
 
     dtype = np.dtype(np.float32) if parts[0].dtype.kind == "f" else parts[0].dtype
     form = "float" if dtype.kind == "f" else dtype.name
-    height, width = parts[0].shape[:2]
-    spec = oiio.ImageSpec(width, height, len(names), form)
+    (height, width), sources = parts[0].shape[:2], None
+    rows = np.arange(height)
+    if path.suffix == ".exr":
+        sources = distinct_blocks(parts)
+        rows = written_rows(sources, height)
+    spec = oiio.ImageSpec(width, len(rows), len(names), form)
     spec.channelnames = tuple(names)
     if path.suffix == ".png":
         spec["png:compressionLevel"] = 4  # a quarter of the time of level 6, 5 % larger files
+        # Paeth's filter in all rows: files as small as with one chosen for each, in 60 % of the time.
+        spec["png:filter"] = 0x80
     spec.alpha_channel = names.index("A") if "A" in names else -1
     if path.suffix in (".tif", ".exr"):
         spec["compression"] = "zip"
@@ -430,21 +437,29 @@ def save_pixels(
         target = oiio.ImageOutput.create(name)
         if target is None:
             raise OSError(_first_line(oiio.geterror()))
-        written = target.open(name, spec) and _write_strips(target, parts, dtype)
+        written = target.open(name, spec) and _write_strips(target, parts, rows, dtype)
         complaint = target.geterror()  # PNG reports a full disk only here
         closed = target.close()
         complaint += target.geterror()
     if complaint or not (written and closed):
         raise OSError(_first_line(complaint))
+    if sources is not None and len(rows) < height:
+        repeat_blocks(path, sources, height)
 
 
-def _write_strips(target: Any, parts: Sequence[npt.NDArray[Any]], dtype: np.dtype[Any]) -> bool:
-    """Interleave the parts strip by strip, without a second copy of the picture."""
-    height, rows = len(parts[0]), 256  # a multiple of the compressed blocks of EXR and TIFF
-    for row in range(0, height, rows):
-        end = min(row + rows, height)
-        strip = np.dstack([part[row:end] for part in parts]).astype(dtype, copy=False)
-        if not target.write_scanlines(row, end, 0, np.ascontiguousarray(strip)):
+def _write_strips(
+    target: Any,
+    parts: Sequence[npt.NDArray[Any]],
+    rows: npt.NDArray[np.intp],
+    dtype: np.dtype[Any],
+) -> bool:
+    """Interleave some rows of the parts strip by strip, without a second copy of the picture."""
+    count = 256  # a multiple of the compressed blocks of EXR and TIFF
+    for first in range(0, len(rows), count):
+        some = rows[first : first + count]
+        strip = np.dstack([part[some] for part in parts]).astype(dtype, copy=False)
+        end = first + len(some)
+        if not target.write_scanlines(first, end, 0, np.ascontiguousarray(strip)):
             return False
     return True
 

@@ -58,22 +58,24 @@ def mixed_plate(image: LinearImage, plate: LinearImage, still: Bools) -> MixedPl
     """
     B = np.asarray(plate.rgb, float)
     K = _neighborhoods(B)
-    trace = np.trace(K, axis1=-2, axis2=-1)
+    trace = K[..., 0] + K[..., 3] + K[..., 5]
     noise = np.sum(image.variance + plate.variance, axis=-1)
     kappa = _kappa(np.sum((image.rgb - B) ** 2, axis=-1)[still], noise[still], trace[still])
     edges = (kappa * trace > EdgeSettings.min_noise_ratio * noise) & image.valid & plate.valid
-    return MixedPlate(edges, kappa * K[edges])
+    whole = np.take(K[edges], [[0, 1, 2], [1, 3, 4], [2, 4, 5]], axis=1)
+    return MixedPlate(edges, kappa * whole)
 
 
 def _neighborhoods(B: Array) -> Array:
-    """(h, w, 3, 3) covariance of the light around each pixel."""
+    """(h, w, 6) covariance of the light around each pixel: RR, RG, RB, GG, GB, BB."""
     from scipy.ndimage import uniform_filter
 
     width = EdgeSettings.neighborhood_px
     centered = B - B.mean(axis=(0, 1))
-    products = (centered[..., :, None] * centered[..., None, :]).reshape(*B.shape[:2], 9)
+    i, j = np.triu_indices(3)
+    products = centered[..., i] * centered[..., j]
     first, second = (np.asarray(uniform_filter(x, (width, width, 0))) for x in (centered, products))
-    return np.asarray(second.reshape(*B.shape, 3) - first[..., :, None] * first[..., None, :])
+    return np.asarray(second - first[..., i] * first[..., j])
 
 
 def _kappa(d2: Array, noise: Array, trace: Array) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -142,16 +143,28 @@ class Solution:
         """How well alpha is known; `ASSUMED` if `stats` has no grade."""
         return Grade(self.stats.get("grade", Grade.ASSUMED))
 
-    @property
+    @cached_property
     def streak(self) -> Bools:
-        """(H, W) True where something moved."""
-        return np.asarray((self.quality & Quality.OUTSIDE) == 0)
+        """(H, W) True where something moved; read only."""
+        inside = np.asarray((self.quality & Quality.OUTSIDE) == 0)
+        inside.setflags(write=False)
+        return inside
 
-    @property
+    @cached_property
+    def streak_place(self) -> tuple[slice, slice]:
+        """Rows and columns of the bounding box of the streak; all if nothing moved."""
+        if not self.streak.any():
+            return slice(0, self.size[1]), slice(0, self.size[0])
+        y, x = (np.flatnonzero(self.streak.any(axis=axis)) for axis in (1, 0))
+        return slice(int(y[0]), int(y[-1]) + 1), slice(int(x[0]), int(x[-1]) + 1)
+
+    @cached_property
     def known(self) -> Bools:
-        """(H, W) True where alpha is known: its error is finite and not too large."""
+        """(H, W) True where alpha is known: its error is finite and not too large; read only."""
         certain = (self.quality & Quality.PLATE_IN_MODEL) == 0
-        return np.asarray(certain & np.isfinite(self.alpha_std))
+        known = np.asarray(certain & np.isfinite(self.alpha_std))
+        known.setflags(write=False)
+        return known
 
     @property
     def layer(self) -> Layer:
@@ -160,11 +173,24 @@ class Solution:
         Alpha is clipped to [0, 1] and light is not negative. Both are 0 where one of them is unknown,
         occluded, or nothing moved. The light of a camera RAW is converted to linear sRGB.
         """
-        lit = self.known & np.isfinite(self.premultiplied_std).all(axis=-1)
-        alpha = np.where(self.streak & lit, np.clip(self.alpha, 0, 1), 0)
-        seen = light_in_srgb(self.premultiplied, self.model.to_srgb)
+        place = self.streak_place
+        part = self.within(place)
+        lit = part.known & np.isfinite(part.premultiplied_std).all(axis=-1)
+        alpha = np.where(part.streak & lit, np.clip(part.alpha, 0, 1), 0)
+        seen = light_in_srgb(part.premultiplied, self.model.to_srgb)
         light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
-        return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))
+        whole = (  # pages that are never written take neither memory nor time
+            np.zeros(self.alpha.shape, self.alpha.dtype),
+            np.zeros(self.premultiplied.shape, self.premultiplied.dtype),
+        )
+        for target, values in zip(whole, (alpha, light), strict=True):
+            target[place] = values
+        return Layer(*whole)
+
+    def within(self, place: tuple[slice, slice]) -> "Solution":
+        """The same with the maps of some rows and columns; statistics and sweep are not changed."""
+        names = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
+        return replace(self, **{name: getattr(self, name)[place] for name in names})
 
 
 def _shifted(box: Box, x: int, y: int) -> Box:

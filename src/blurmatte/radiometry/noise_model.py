@@ -15,6 +15,7 @@ import numpy as np
 
 from blurmatte.checks import MAX_LIGHT, Floats, check_kind
 from blurmatte.radiometry.transfer import Transfer
+from blurmatte.statistics import nonnegative_least_squares
 
 PerChannel = tuple[float, float, float]
 
@@ -103,11 +104,7 @@ def fit_coefficients(light: Floats, variance: Floats, weight: Floats | float = 1
 
     The variances (K,), light², are above 0; `weight` is that of their relative errors.
     """
-    from scipy.optimize import nnls
-
     x = np.maximum(light, 0)
     relative = np.broadcast_to(np.asarray(weight) / variance, x.shape)
-    coefficients, _ = nnls(
-        np.stack([x**0, x, x**2], axis=1) * relative[:, None], relative * variance
-    )
-    return np.asarray(coefficients)
+    columns = np.stack([x**0, x, x**2], axis=1) * relative[:, None]
+    return nonnegative_least_squares(columns, relative * variance)

@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, NoiseModel
 
 MIN_DEVIATION = 8.0  # standard deviations of d by which an outlier differs from its neighbors
 # Of a point's light that a neighbor gets at least: a Gaussian point spread of 0.3 pixels leaves 5 %
 MIN_SPREAD = 0.05
 RING = 2  # pixels, of the neighbors beyond the nearest
+STRIP_ROWS = 128  # of a picture at a time, to save memory
 
 
 def outliers(image: LinearImage, plate: LinearImage) -> Bools:
@@ -25,10 +26,26 @@ def outliers(image: LinearImage, plate: LinearImage) -> Bools:
     The noise is known. The four nearest neighbors of a pixel get `MIN_SPREAD` of its light, in the
     median, relative to a ring around them. Two adjacent outliers are found, larger groups are not.
     """
-    d = np.asarray(image.rgb - plate.rgb, np.float32)
-    sigma = np.sqrt(np.maximum(image.variance + plate.variance, 1e-12))
     found = np.zeros(image.valid.shape, bool)
-    for y, x in _candidates(d / sigma, image.valid & plate.valid):
+    for first in range(0, len(found), STRIP_ROWS):
+        rows = slice(max(first - RING, 0), first + STRIP_ROWS + RING)
+        d = np.asarray(image.rgb[rows] - plate.rgb[rows], np.float32)
+        sigma = np.sqrt(np.maximum(_variance(image, rows) + _variance(plate, rows), 1e-12))
+        found[rows] |= _in_strip(d, sigma, image.valid[rows] & plate.valid[rows])
+    return found
+
+
+def _variance(picture: LinearImage, rows: slice) -> Floats:
+    """Noise variance of some rows, without that of the others."""
+    if isinstance(picture.noise, NoiseModel):
+        return picture.noise.variance(picture.rgb[rows])
+    return picture.variance[rows]
+
+
+def _in_strip(d: Floats, sigma: Floats, valid: Bools) -> Bools:
+    """`outliers` in a strip of rows, without the first and last rows of it."""
+    found = np.zeros(valid.shape, bool)
+    for y, x in _candidates(d / sigma, valid):
         window = d[y - RING : y + RING + 1, x - RING : x + RING + 1].astype(float)
         ring = np.concatenate(
             [window[[0, -1]].reshape(-1, 3), window[1:-1, [0, -1]].reshape(-1, 3)]
@@ -47,16 +64,22 @@ def outliers(image: LinearImage, plate: LinearImage) -> Bools:
 
 
 def _candidates(z: Floats, valid: Bools) -> npt.NDArray[np.intp]:
-    """(n, 2) rows and columns of valid pixels that exceed six of their eight neighbors by far."""
-    from scipy.ndimage import rank_filter
+    """(n, 2) rows and columns of valid pixels that exceed six of their eight neighbors by far.
 
-    size = np.abs(z).max(axis=-1)
+    Neighbors are compared for strong pixels only: of the others there are too many.
+    """
+    size = np.maximum(np.maximum(np.abs(z[..., 0]), np.abs(z[..., 1])), np.abs(z[..., 2]))
     strong = valid & (size > MIN_DEVIATION)
     strong[:RING] = strong[-RING:] = strong[:, :RING] = strong[:, -RING:] = False
-    if not strong.any():
-        return np.argwhere(strong)
-    third = rank_filter(size, rank=-3, size=3)
-    return np.argwhere(strong & (third < size / 2))
+    yx = np.argwhere(strong)
+    return yx[_exceed_neighbors(size, yx)]
+
+
+def _exceed_neighbors(size: Floats, yx: npt.NDArray[np.intp]) -> Bools:
+    """(n,) whether the third largest of 3 x 3 pixels is less than half of the central one."""
+    y, x = yx.T
+    around = np.stack([size[y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])
+    return np.asarray(np.partition(around, -3, axis=0)[-3] < size[y, x] / 2)
 
 
 def without_outliers(image: LinearImage, plate: LinearImage) -> LinearImage:
