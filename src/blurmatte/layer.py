@@ -314,6 +314,12 @@ class Layer:
         return Layer(pixels[..., 3].astype(self.alpha.dtype), light)
 
 
+def empty_layer(size: tuple[int, int]) -> Layer:
+    """A transparent layer of a size (width, height)."""
+    width, height = size
+    return Layer(np.zeros((height, width), np.float32), np.zeros((height, width, 3), np.float32))
+
+
 def box_around(*layers: Layer) -> Box | None:
     """The bounding box of several layers; None if all are empty."""
     boxes = np.array([layer.box for layer in layers if not layer.empty])

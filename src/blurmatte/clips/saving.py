@@ -12,7 +12,12 @@ from typing import Any
 
 from blurmatte.background import Shot
 from blurmatte.checks import Bools, check_kind
-from blurmatte.clips.layers import LAYER_EXTENSIONS, LayerWriter, write_movie
+from blurmatte.clips.layers import (
+    LAYER_EXTENSIONS,
+    LayerWriter,
+    write_empty_layers,
+    write_movie,
+)
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
 from blurmatte.clips.shots import Given, SolvableShot, prepared, shots_of
 from blurmatte.clips.table import FrameRecord
@@ -148,6 +153,9 @@ class ClipReport:
         Of this run.
     new : int
         Frames that were solved in this run.
+    empty : int
+        Frames without the object, or without a solution, whose layer file is transparent; of several
+        objects those of the first. 0 if layers are written with all numbers of a solution.
     """
 
     records: tuple[FrameRecord, ...]
@@ -156,6 +164,7 @@ class ClipReport:
     files: tuple[Path, ...]
     seconds: float
     new: int
+    empty: int = 0
 
     @property
     def grades(self) -> dict[str, int]:
@@ -185,7 +194,7 @@ def save_clip(
     the same inputs and settings skips what is done, and ends with the same files. The folder then has
 
     =================  ===============================================================
-    layer.000123.exr   the object in frame 123, in the whole window
+    layer.000123.exr   the object in frame 123, in the whole window; transparent without it
     frames.csv         a row for each of them: time, place, radius, grade, box; or frames.parquet
     overview.png       the paths over the plate; its charts need matplotlib
     report.json        shots, grades, problems, speed
@@ -231,8 +240,9 @@ def save_clip(
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
         files = _written(run, folder, work, shots)
+        empty = 0 if run.complete else _fill(run, folder, work.records)
         done = tuple(work.records), tuple(shots), tuple(work.problems)
-        report = ClipReport(*done, files, time.monotonic() - begun, work.new)
+        report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
         write(folder / "report.json", _numbers(run, report))
         yield report
 
@@ -326,6 +336,12 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
     return tuple(files)
 
 
+def _fill(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> int:
+    """Write empty layers of the other frames; how many."""
+    numbers, size = run.frames.frame_numbers, run.frames.size
+    return write_empty_layers(folder, records, numbers, size, run.file_extension, run.several)
+
+
 def _without_layer(work: _Work) -> list[str]:
     """How many frames have no layer though something moved, and the reason of most of them.
 
@@ -367,6 +383,7 @@ def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:
         "rate": run.rate or run.frames.rate,
         "size": run.frames.size,
         "layers": len(layers),
+        "empty_layers": report.empty,
         "grades": report.grades,
         "shots": [asdict(replace(shot)) for shot in report.shots],
         "problems": list(report.problems),
