@@ -23,13 +23,14 @@ from blurmatte.checks import (
     check_map,
     check_same_size,
 )
+from blurmatte.notebook import Displayed
 from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
 
 Color = str | Sequence[float] | Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class Layer(Displayed):
     """Exposure fraction and premultiplied light of an object.
 
     Parameters

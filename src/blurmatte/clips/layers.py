@@ -100,6 +100,7 @@ def write_movie(
     empty = empty_layer(first.size)
 
     def layers() -> Iterator[Layer]:
+        """The layer of each frame."""
         for number in frames:
             record = named.get(number)
             yield empty if record is None else read_layer(folder / record.layer)
