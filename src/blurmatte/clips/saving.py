@@ -23,8 +23,8 @@ from blurmatte.clips.shots import Given, SolvableShot, prepared, shots_of
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
-from blurmatte.figures import draw_clip
-from blurmatte.files import Frames, require_parquet, write
+from blurmatte.figures import Matte, draw_clip
+from blurmatte.files import Frames, read_layer, require_parquet, write
 from blurmatte.matting import Grade
 from blurmatte.matting.case import Solver
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
@@ -34,6 +34,7 @@ from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
 TABLE_EXTENSIONS = ".csv", ".parquet"
+SHEET_FRAMES = 3  # that the sheet shows with their alpha
 
 
 @dataclass(frozen=True, eq=False)
@@ -324,7 +325,8 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
             write(files[-1], plate)
     files.append(folder / "overview.png")
-    write(files[-1], draw_clip(work.plates[0], work.rows, _words(work, shots), name=run.name))
+    words, mattes = _words(work, shots), _mattes(run, folder, work.records)
+    write(files[-1], draw_clip(work.plates[0], work.rows, words, name=run.name, mattes=mattes))
     if run.extension == ".mov":
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:
@@ -334,6 +336,18 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
             write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
             files.append(folder / name)
     return tuple(files)
+
+
+def _mattes(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> list[Matte]:
+    """Frames with layers for the sheet, early, in the middle and late in the clip."""
+    layers = [record for record in records if record.layer]
+    count = min(len(layers), SHEET_FRAMES)
+    chosen = [layers[(2 * k + 1) * len(layers) // (2 * count)] for k in range(count)]
+    places = {number: k for k, number in enumerate(run.frames.frame_numbers)}
+    return [
+        Matte(one.frame, run.frames[places[one.frame]], read_layer(folder / one.layer))
+        for one in chosen
+    ]
 
 
 def _fill(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> int:

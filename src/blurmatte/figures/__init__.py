@@ -3,6 +3,7 @@
 from blurmatte.figures.calibration_charts import draw_noise as draw_noise
 from blurmatte.figures.calibration_charts import draw_response as draw_response
 from blurmatte.figures.clip import ClipPhysics as ClipPhysics
+from blurmatte.figures.clip import Matte as Matte
 from blurmatte.figures.clip import draw_clip as draw_clip
 from blurmatte.figures.edit import draw_edit as draw_edit
 from blurmatte.figures.edit import draw_exposures as draw_exposures
