@@ -4,10 +4,12 @@ import json
 import re
 import shlex
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import blurmatte as bm
@@ -77,7 +79,7 @@ def test_single_steps_run(pictures, monkeypatch, capsys):
     exec(EXAMPLES[0], {})
     assert capsys.readouterr().out.startswith("Solution(128x80, alpha up to 0.")
     assert bm.read_solution("ball.exr").size == (128, 80)
-    assert len(EXAMPLES) == 6
+    assert len(EXAMPLES) == 7
 
 
 def test_numpy_arrays_run(pictures, monkeypatch):
@@ -99,6 +101,19 @@ def test_edits_run(pictures, monkeypatch):
     assert names["whole"].alpha.max() <= 1
 
 
+def test_pictures_are_drawn(pictures, monkeypatch):
+    """Exact: the sheet of the layer is what a notebook shows."""
+    monkeypatch.chdir(pictures)
+    names = {}
+    exec(EXAMPLES[3], names)
+    assert names["codes"].shape == names["image"].rgb.shape
+    look = BytesIO(names["solution"].layer._repr_png_())
+    with Image.open("look.png") as written, Image.open(look) as shown:
+        assert np.array_equal(np.asarray(written), np.asarray(shown))
+    with Image.open("overview.png") as written:
+        assert written.width == 1800
+
+
 def test_plate_example_runs(pictures, monkeypatch):
     monkeypatch.chdir(pictures)
     image, plate = bm.read("throw.png", bm.SRGB), bm.read("empty_room.png", bm.SRGB)
@@ -106,7 +121,7 @@ def test_plate_example_runs(pictures, monkeypatch):
     lights[40] = image.rgb
     save_clip("rally.mp4", lights)
     names = {}
-    exec(EXAMPLES[3], names)
+    exec(EXAMPLES[4], names)
     alpha = names["solution"].layer.alpha
     assert alpha.sum(dtype=float) == pytest.approx(np.pi * 12**2, rel=0.05)
     assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
@@ -118,7 +133,7 @@ def test_motion_example_runs(pictures, monkeypatch, capsys):
     Path("out").mkdir(exist_ok=True)
     bm.write("out/layer.exr", bm.solve(image, plate))
     names = {}
-    exec(EXAMPLES[4], names)
+    exec(EXAMPLES[5], names)
     motion = names["motion"]
     assert motion.radius == pytest.approx(12, abs=4 * motion.radius_std)
     assert motion.length == pytest.approx(np.hypot(60, 12), abs=4 * motion.length_std)
@@ -138,7 +153,7 @@ def test_fall_example_runs(pictures, monkeypatch, capsys):
     save_clip("rally.mp4", lights)
     bm.write("plate.exr", plate)
     names = {}
-    exec(EXAMPLES[5], names)
+    exec(EXAMPLES[6], names)
     found = [row for row in names["rows"] if row.sighting is not None]
     assert len(found) == 5
     assert len(Path("rally.csv").read_text().splitlines()) == 6

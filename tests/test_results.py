@@ -12,6 +12,11 @@ import pytest
 from PIL import Image
 
 import blurmatte as bm
+from blurmatte.cli.console import in_degrees
+from blurmatte.clips.table import PictureRecord
+from blurmatte.figures.sheet import Sheet
+from blurmatte.matting.summary import mean_light
+from blurmatte.radiometry import hex_of_light
 from blurmatte.rendering import add_noise, colorful_plate
 from blurmatte.results import RESULT_FILES
 
@@ -101,6 +106,44 @@ def test_the_report_is_plain_json(tmp_path, solved):
     assert "OUTSIDE" not in report["flagged"]
     assert report["versions"]["numpy"] == np.__version__
     assert {"blurmatte", "numba", "OpenImageIO", "python"} <= set(report["versions"])
+
+
+@pytest.mark.parametrize("axes", [("#ffbc43",), ("#00a1ff", "#ffd400")])
+def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monkeypatch, axes):
+    """Exact: of several paints that of the mean light of the layer, here white; of one its own."""
+    drawn = []
+    monkeypatch.setattr(Sheet, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
+    model = bm.ColorModel.from_hex(*axes)
+    light = np.array([0.8, 0.8, 0.7]) if model.rank == 2 else 0.3 * model.rgb[0]
+    truth = bm.render(
+        bm.Scene(
+            colorful_plate((96, 64), rng=2, tile=20),
+            bm.Trajectory.line((30, 30), (60, 36)),
+            bm.Ball(9, light),
+        )
+    )
+    images = [replace(p, noise=NOISE) for p in (truth.image, truth.plate)]
+    solution = bm.solve(*images, model, bm.Smooth(), streak=bm.Streak(truth.layer.alpha > 0))
+    bm.save_results(tmp_path, *images, solution)
+    mean = solution.layer.color
+    np.testing.assert_allclose(solution.model.mean, mean, rtol=1e-5)
+    color = hex_of_light(mean) if model.rank == 2 else axes[0]
+    assert in_degrees(solution.model).startswith(f"{color}, rank {model.rank}")
+    assert any(text.startswith(f"{color}, rank {model.rank}") for text in drawn)
+    assert json.loads((tmp_path / "report.json").read_text("utf-8"))["model"]["color"] == color
+    assert json.loads((tmp_path / "model.json").read_text("utf-8"))["color"] == color
+    assert PictureRecord.of(solution).color == color
+    if model.rank == 2:
+        np.testing.assert_allclose(mean / mean[0], light / light[0], rtol=0.05)  # it is shaded
+        assert f"On average {color}." in bm.explain(solution.model)
+
+
+def test_a_layer_of_no_alpha_has_no_mean_color():
+    """Exact"""
+    maps = bm.PixelMaps.zeros(4, 5)
+    assert mean_light(maps) is None
+    maps.alpha[1, 2], maps.premultiplied[1, 2] = 0.5, (0.5, 0.25, 0.1)
+    np.testing.assert_allclose(mean_light(maps), (1, 0.5, 0.2), rtol=1e-6)
 
 
 def test_the_report_has_the_grade_and_the_calibrated_errors(tmp_path, solved):

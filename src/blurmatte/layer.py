@@ -23,13 +23,14 @@ from blurmatte.checks import (
     check_map,
     check_same_size,
 )
+from blurmatte.notebook import Displayed
 from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
 
 Color = str | Sequence[float] | Floats
 
 
 @dataclass(frozen=True, eq=False)
-class Layer:
+class Layer(Displayed):
     """Exposure fraction and premultiplied light of an object.
 
     Parameters
@@ -316,6 +317,12 @@ class Layer:
         pixels = np.asarray(scaled.get_pixels(oiio.FLOAT))
         light = np.ascontiguousarray(pixels[..., :3]).astype(self.premultiplied.dtype)
         return Layer(pixels[..., 3].astype(self.alpha.dtype), light)
+
+
+def empty_layer(size: tuple[int, int]) -> Layer:
+    """A transparent layer of a size (width, height)."""
+    width, height = size
+    return Layer(np.zeros((height, width), np.float32), np.zeros((height, width, 3), np.float32))
 
 
 def box_around(*layers: Layer) -> Box | None:

@@ -179,6 +179,8 @@ def _report(
         "plate": _facts(plate),
         "model": {
             "rank": model.rank,
+            "color": model.color,
+            "mean": model.mean,
             "hex": model.hex,
             "rgb": model.rgb,
             "to_srgb": model.to_srgb,

@@ -48,8 +48,10 @@ def test_numbered_pictures_become_layers_and_are_solved_once(shot, tmp_path):
     assert "4 layers" in first.stdout
     assert "frames.parquet" in first.stdout
     assert sorted(p.name for p in (tmp_path / "o").glob("layer.*")) == [
-        f"layer.{k:06d}.exr" for k in range(1002, 1006)
+        f"layer.{k:06d}.exr" for k in range(1001, 1006)
     ]
+    assert "; 1 empty ones of the other frames" in first.stdout
+    assert bm.read_layer(tmp_path / "o" / "layer.001001.exr").empty
     again = run(*words, "--json")
     assert again.exit_code == 0
     answer = json.loads(again.stdout)
@@ -96,14 +98,12 @@ def test_options_that_do_not_fit_are_refused(shot, tmp_path, options, message):
 
 
 def test_a_clip_is_solved_inside_its_region_by_its_solver(shot, tmp_path):
-    """Frames whose ball is outside have no layer; another solver is another run."""
+    """Frames whose ball is outside have an empty layer; another solver is another run."""
     words = ("solve", shot / "f.####.exr", "--plate", shot / "plate.exr", "-o", tmp_path / "o")
     words += ("--color", "#e9b45e", "--workers", "1", "--layers", "exr", "--region", "0,0,45,48")
     first = run(*words, "--solver", "smooth")
     assert first.exit_code == 0, first.stderr
-    layers = [p.name for p in (tmp_path / "o").glob("layer.*")]
-    assert "layer.001002.exr" in layers
-    assert "layer.001005.exr" not in layers
+    assert bm.read_layer(tmp_path / "o" / "layer.001005.exr").empty
     alpha = bm.read_layer(tmp_path / "o" / "layer.001002.exr").alpha
     assert alpha[:, :45].max() > 0.3
     assert not alpha[:, 45:].any()

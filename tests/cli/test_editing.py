@@ -238,6 +238,22 @@ def test_edits_rows_of_layers(scene, tmp_path):
     assert sorted(p.name for p in tmp_path.glob("kept*")) == ["kept.0001.exr", "kept.0003.exr"]
 
 
+def test_rows_may_have_empty_layers(scene, tmp_path):
+    """Exact: those of frames without the object stay empty, and show the picture behind them."""
+    layer = bm.read_layer(scene / "layer.exr")
+    bm.write(tmp_path / "in.0001.exr", layer.fade(0))
+    bm.write(tmp_path / "in.0002.exr", layer)
+    row, change = tmp_path / "in.####.exr", ("--recolor", "#2040ff", "--amplify", 2)
+    good("edit", row, *change, "--out", tmp_path / "out.####.exr")
+    assert bm.read_layer(tmp_path / "out.0001.exr").empty
+    assert not bm.read_layer(tmp_path / "out.0002.exr").empty
+    over = "--over", scene / "plate.png", "--place", "40,30"
+    good("compose", row, *over, *change, "--out", tmp_path / "over.####.png")
+    plate = codes(scene / "plate.png")
+    assert np.array_equal(codes(tmp_path / "over.0001.png"), plate)
+    assert not np.array_equal(codes(tmp_path / "over.0002.png"), plate)
+
+
 @pytest.fixture
 def shot(scene, tmp_path):
     """Three numbered pictures, the second with the object and its layer, and the options."""

@@ -42,7 +42,7 @@ def once(shot, tmp_path_factory):
 
 def test_layers_and_table_are_those_of_the_frames_with_the_object(once, truth):
     folder, report = once
-    assert sorted(path.name for path in folder.glob("layer.*")) == NAMES
+    assert [record.layer for record in report.records] == NAMES
     assert [record.frame for record in report.records] == list(range(FIRST, LAST + 1))
     assert report.problems == ()
     for record in report.records:
@@ -54,6 +54,20 @@ def test_layers_and_table_are_those_of_the_frames_with_the_object(once, truth):
     assert header.startswith("frame,time,object,shot,x,y,radius")
     assert len(rows) == len(NAMES)
     assert (folder / "report.json").exists()
+
+
+def test_every_frame_has_a_file_and_those_without_the_object_are_transparent(once, shot):
+    """Exact: no number is missing, the size is that of the clip, and the count is reported."""
+    folder, report = once
+    numbers = run_of(shot).frames.frame_numbers
+    assert sorted(p.name for p in folder.glob("layer.*")) == [f"layer.{k:06d}.exr" for k in numbers]
+    others = [k for k in numbers if f"layer.{k:06d}.exr" not in NAMES]
+    assert report.empty == len(others) == 5
+    for k in others:
+        layer = bm.read_layer(folder / f"layer.{k:06d}.exr")
+        assert layer.empty
+        assert layer.size == run_of(shot).frames.size
+    assert json.loads((folder / "report.json").read_text())["empty_layers"] == 5
 
 
 def test_layer_over_plate_is_the_frame(once, pictures):
@@ -117,6 +131,7 @@ def test_complete_layers_are_solutions(shot, tmp_path):
         assert solution.sweep is not None
         assert solution.layer.alpha.sum() == pytest.approx(record.sum_alpha, rel=0.05)
     assert len(report.records) == 3
+    assert report.empty == 0
 
 
 def test_other_layers_are_refused(shot):

@@ -1,10 +1,13 @@
 """ColorModel: a subspace through black from given colors or samples, with a calibrated covariance."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.color import ColorModel
+from blurmatte.color.model import fuse_colors
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB
 
@@ -115,7 +118,7 @@ def test_angle_std_is_in_degrees_along_the_worst_direction():
     covariance = np.diag([0, np.radians(0.5) ** 2, np.radians(2) ** 2])
     model = ColorModel(np.array([[1.0], [0], [0]]), covariance)
     assert_allclose(model.angle_std, 2)
-    assert repr(model) == "ColorModel(rank 1, #ff0000, ±2°)"
+    assert repr(model) == "ColorModel(#ff0000, rank 1, ±2°)"
 
 
 @pytest.mark.parametrize("rank", [1, 2])
@@ -194,6 +197,39 @@ def test_rejects_rank_2_for_noisy_samples_of_one_hue(count):
         one_paint = shades(rng, 1, count) + rng.normal(0, 0.01, (count, 3))
         with pytest.raises(ColorModelError, match=r"plane of colors only to .*clearly different"):
             ColorModel.from_samples(one_paint, rank=2)
+
+
+def test_a_line_is_named_by_its_own_color_and_other_ranks_by_their_mean():
+    """Exact: the mean of a white ball is white, whatever spans its plane."""
+    white = np.array([1.0, 1.0, 1.0])
+    line = ColorModel.from_hex("#804020")
+    assert (line.color,) == line.hex
+    assert replace(line, mean=white).color == line.color
+    plane = ColorModel.from_hex("#00a1ff", "#ffd400")
+    assert plane.color == ""
+    assert plane.in_words == f"rank 2, between {' and '.join(plane.hex)}"
+    plane = replace(plane, mean=0.5 * white)
+    assert plane.color == "#bcbcbc"
+    assert plane.in_words == f"#bcbcbc, rank 2, between {' and '.join(plane.hex)}"
+    assert replace(ColorModel.any(), mean=2 * white).in_words == "#ffffff, rank 3, any colors"
+    with pytest.raises(ValueError, match="mean must be three finite numbers"):
+        replace(plane, mean=np.array([0.5, np.nan, 0.5]))
+
+
+def test_the_mean_color_of_a_camera_is_converted():
+    """Exact"""
+    swap = ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    model = replace(ColorModel.any(), to_srgb=swap, mean=np.array([0.0, 1.0, 0.0]))
+    assert model.color == "#ff0000"
+
+
+def test_samples_have_a_mean_color():
+    """Exact"""
+    model = ColorModel.from_samples(np.stack([ORANGE, BLUE]), 2, std=0)
+    assert_allclose(model.mean, (ORANGE + BLUE) / 2)
+    assert_allclose(
+        fuse_colors([model, replace(model, mean=ORANGE)]).mean, 0.75 * ORANGE + 0.25 * BLUE
+    )
 
 
 def test_any_colors_have_rank_3():

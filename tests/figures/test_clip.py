@@ -6,9 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blurmatte.figures import ClipPhysics, draw_clip
+from blurmatte.figures import ClipPhysics, Matte, draw_clip
 from blurmatte.figures.clip import charts_of
 from blurmatte.figures.drawing import Palette
+from blurmatte.figures.sheet import Sheet
+from blurmatte.layer import Layer
 from blurmatte.motion import BallPlace, FrameMotion, Scale, Sighting
 from blurmatte.radiometry import LinearImage
 
@@ -119,3 +121,31 @@ def test_sheet_without_matplotlib_has_no_charts(monkeypatch):
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     without = draw_clip(PLATE, rows)
     assert without.shape[0] < with_charts.shape[0] - 500
+
+
+def test_frames_are_shown_with_their_alpha(monkeypatch):
+    """Exact: each frame has its number, and its alpha in the same surroundings; empty layers none."""
+    titles = []
+    grid = Sheet.grid
+
+    def drawn(sheet, panels, layout, name):
+        titles.extend(panel.title for panel in panels)
+        assert len({panel.pixels.shape for panel in panels}) == 1
+        for picture, alpha in zip(panels[:2], panels[2:], strict=True):
+            bright = picture.pixels.max(axis=-1) > 200
+            assert np.array_equal(bright, alpha.pixels.max(axis=-1) > 200)
+        grid(sheet, panels, layout, name)
+
+    monkeypatch.setattr(Sheet, "grid", drawn)
+    width, height = PLATE.size
+    mattes = []
+    for k, x in enumerate((2, width - 9, None)):
+        alpha = np.zeros((height, width), np.float32)
+        if x is not None:
+            alpha[10:16, x : x + 7] = 1
+        layer = Layer(alpha, alpha[..., None] * np.ones(3, np.float32))
+        dark = LinearImage(np.zeros((height, width, 3), np.float32))
+        mattes.append(Matte(5 + k, layer.over(dark), layer))
+    without, sheet = draw_clip(PLATE, []), draw_clip(PLATE, [], mattes=mattes)
+    assert titles == ["frame 5", "frame 6", "alpha 5", "alpha 6"]
+    assert sheet.shape[0] > without.shape[0]

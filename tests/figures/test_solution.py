@@ -140,10 +140,11 @@ def test_alternatives_have_swatches(monkeypatch, size, count):
     """exact: each color with its factor of alpha below, in a row."""
     image, plate, solution = solved(size, (30, 30), (40, 40))
     others = alternatives(count)
+    others[0]["hex"] = solution.model.color  # the answer has one color
     stats = {"grade": "assumed", "alpha_scale_std": 0.2, "alternatives": others}
     written = texts(monkeypatch)
     sheet = draw_overview(image, plate, replace(solution, stats={**solution.stats, **stats}))
-    boxes, lefts = dict(written), []
+    boxes, lefts = dict(written), []  # of the answer's color the last: it is named above, too
     for one in others:
         left, top, _, _ = (round(edge) for edge in boxes[one["hex"]])
         assert tuple(sheet[top - 30, left + 20]) == tuple(bytes.fromhex(one["hex"][1:]))

@@ -14,19 +14,21 @@ def test_noise_model_round_trips_exactly(tmp_path, colors):
     basis = ColorModel.from_hex(*colors).basis
     covariance = np.cov(np.random.default_rng(0).random((3, 9))) / 7
     to_srgb = ((1.7, -0.5, 0.1), (-0.2, 1.1, 0.1), (0.0, -0.3, 1 / 3))
-    model = ColorModel(basis, covariance, {"hue": 1 / 3, "feasible": np.inf}, to_srgb)
+    mean = np.array([0.1, 1 / 3, 0.0])
+    model = ColorModel(basis, covariance, {"hue": 1 / 3, "feasible": np.inf}, to_srgb, mean)
     write(tmp_path / "m.json", model)
     back = read_color_model(tmp_path / "m.json")
     assert np.array_equal(back.basis, basis)
     assert np.array_equal(back.covariance, covariance)
     assert back.evidence == model.evidence
     assert back.to_srgb == to_srgb
+    assert np.array_equal(back.mean, mean)
 
 
 def test_every_field_is_written():
     """A new field of ColorModel must be written and read too."""
     names = {field.name for field in dataclasses.fields(ColorModel)}
-    assert names == {"basis", "covariance", "evidence", "to_srgb"}
+    assert names == {"basis", "covariance", "evidence", "to_srgb", "mean"}
 
 
 def test_file_is_readable_json(tmp_path):
@@ -34,6 +36,7 @@ def test_file_is_readable_json(tmp_path):
     fields = json.loads((tmp_path / "m.json").read_text(), parse_constant=pytest.fail)
     assert fields["rank"] == 1
     assert fields["hex"] == ["#d8ff3c"]
+    assert fields["color"] == "#d8ff3c"
 
 
 @pytest.mark.parametrize(

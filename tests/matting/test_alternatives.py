@@ -47,12 +47,20 @@ def test_factor_and_color_before_one_hue(by):
     assert found.disagrees == (by != 1)
 
 
-def test_color_is_shown_encoded():
+def test_one_paint_has_the_color_of_its_model():
+    """exact: the brightest channel is 1"""
+    color, found = compared(1.0)
+    codes = 1.055 * (color / color.max()) ** (1 / 2.4) - 0.055
+    assert found.hex == "#{:02x}{:02x}{:02x}".format(*np.rint(255 * codes).astype(int))
+
+
+def test_any_colors_have_their_mean_encoded():
     """exact"""
-    _, found = compared(1.0)
-    codes = 1.055 * np.array(found.rgb) ** (1 / 2.4) - 0.055
-    expected = np.rint(255 * codes).astype(int)
-    assert found.hex == "#{:02x}{:02x}{:02x}".format(*expected)
+    alpha = np.random.default_rng(0).uniform(0.1, 0.5, (9, 12))
+    own = estimate(alpha)
+    found = alternative(ColorModel.any(), 0.2, own, own, pictures(alpha), BOX)
+    codes = 1.055 * COLOR ** (1 / 2.4) - 0.055
+    assert found.hex == "#{:02x}{:02x}{:02x}".format(*np.rint(255 * codes).astype(int))
 
 
 def test_unknown_pixels_are_excluded():

@@ -85,6 +85,7 @@ def refined(level: Level, start: Fit, axis: int, frequency: float) -> float:
     rough = fit_bands(level, start, axis, frequency, 1)
 
     def cost(omega: float) -> float:
+        """Log likelihood at the rough frequency over that at another."""
         fit = fit_bands(level, start, axis, omega, 1)
         return float(log_likelihood_gains(fit, rough).sum())
 

@@ -142,7 +142,7 @@ class Behind:
                 picture = bm.cover(picture, layer.size)
             elif placement.center is not None or placement.scale is not None:
                 scale = 1.0 if placement.scale is None else placement.scale
-                layer = layer.place(picture.size, placement.center, scale)
+                layer = _placed(layer, picture.size, placement.center, scale)
             if picture.size != layer.size:
                 raise ValueError(
                     "add --fit cover to scale and crop the picture, or --place X,Y to put the object "
@@ -151,6 +151,18 @@ class Behind:
                     )
                 )
         return layer, picture
+
+
+def _placed(
+    layer: bm.Layer,
+    size: tuple[int, int],
+    center: tuple[float, float] | None,
+    scale: float,
+) -> bm.Layer:
+    """The layer at its place in a picture; an empty one, of a frame without the object, is empty."""
+    from blurmatte.layer import empty_layer
+
+    return empty_layer(size) if layer.empty else layer.place(size, center, scale)
 
 
 def changed(layer: bm.Layer, changes: Sequence[Change]) -> bm.Layer:

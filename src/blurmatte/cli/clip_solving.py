@@ -215,13 +215,15 @@ def _answer(report: bm.ClipReport, folder: Path, out: Path, as_json: bool) -> No
         warn(problem)
     if as_json:
         rows = [record.numbers() for record in report.records]
-        say_json({"folder": folder, "grades": report.grades, "frames": rows})
+        numbers = {"folder": folder, "grades": report.grades, "empty_layers": report.empty}
+        say_json({**numbers, "frames": rows})
         return
     graded = ", ".join(f"{count} {grade}" for grade, count in report.grades.items() if count)
     speed = (
         f"; {report.new} solved now, in {report.seconds:.0f} s" if report.new else "; all were done"
     )
-    lines = [f"{len(layers)} layers: {graded or 'none'}{speed}"]
+    empty = f"; {report.empty} empty ones of the other frames" if report.empty else ""
+    lines = [f"{len(layers)} layers: {graded or 'none'}{empty}{speed}"]
     if len(report.shots) > 1:
         lines += [str(shot) for shot in report.shots]
     lines.append(str(out if out.suffix.lower() == ".mov" else report.files[0]))

@@ -119,7 +119,7 @@ def measure_frames(
     task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
 ) -> Measured:
     """The object in each frame; the plate is made of them if none is given."""
-    from blurmatte.motion.clip.color import color_in_scene
+    from blurmatte.motion.clip.color import color_in_scene, seen_color
     from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
     from blurmatte.motion.clip.scene import clip_plate
     from blurmatte.motion.clip.transfer_spread import radius_spread
@@ -165,6 +165,8 @@ def measure_frames(
     if frames.curve_assumed and task.by_size:
         with waiting("comparing transfer curves"):
             spread = radius_spread(frames, plate, rows, frames.frame_numbers)
+    if model.rank < 3 or not task.several:  # else objects may have different colors
+        model = seen_color(model, rows)
     return Measured(plate, model, rows, places, frames.place_std, spread)
 
 

@@ -186,11 +186,15 @@ def _plain(value: Any) -> Any:
 
 
 def swatches(model: bm.ColorModel) -> list[str]:
-    """The possible colors as blocks of color, the likeliest first, on a terminal only."""
+    """The mean color of several, and the possible colors, the likeliest first, as blocks of color.
+
+    On a terminal only.
+    """
     if model.rank == 3 or not sys.stdout.isatty():
         return []
     blocks = [[_block(*bytes.fromhex(color[1:])) for color in one.hex] for one in model.possible]
-    return [" ".join(row) for row in zip(*blocks, strict=True)]
+    mean = [_block(*bytes.fromhex(model.color[1:]))] if model.rank == 2 and model.color else []
+    return [*mean, *(" ".join(row) for row in zip(*blocks, strict=True))]
 
 
 def _block(red: int, green: int, blue: int) -> str:
@@ -198,17 +202,19 @@ def _block(red: int, green: int, blue: int) -> str:
 
 
 def in_degrees(model: bm.ColorModel) -> str:
-    """A model in one line: its colors, rank, and how sure they are."""
+    """A model in one line: the color that names the object, its rank, and how sure the colors are."""
     if model.rank == 3:
-        return "any colors  rank 3"
+        return model.in_words
     sure = f"± {model.angle_std:.2g}°" if model.evidence else "given"
-    return f"{' + '.join(model.hex)}  rank {model.rank}, {sure}"
+    return f"{model.in_words}, {sure}"
 
 
 def color_numbers(model: bm.ColorModel) -> dict[str, Any]:
     """The numbers of a color model, as in report.json, and sentences."""
     return {
         "rank": model.rank,
+        "color": model.color,
+        "mean": model.mean,
         "hex": model.hex,
         "rgb": model.rgb,
         "basis": model.basis,

@@ -17,6 +17,7 @@ from blurmatte.checks import check_same_size
 from blurmatte.cli.app import ORDER, command
 from blurmatte.cli.changes import (
     Behind,
+    Change,
     Changes,
     LayerOrRow,
     Looks,
@@ -87,14 +88,14 @@ def edit(
     if is_row(Path(layer)) or (own.image is not None and is_row(own.image)):
         _check_one_layer(layer, looks)
         if own.image is None:
-            edit_row(reading, layer, out, lambda one: changed(one, wanted), row)
+            edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
             return
         plate = None if own.plate is None else reading.read(own.plate)
 
         def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
             """The picture with the changed layer."""
             behind = _matched(own.plate, own.match, [picture, *filter(None, [plate])])
-            return bm.retouch(picture, one, changed(one, wanted), behind)
+            return bm.retouch(picture, one, _changed_if_any(one, wanted), behind)
 
         retouch_row(reading, layer, own.image, out, retouched, row)
         return
@@ -195,7 +196,7 @@ def compose(
 
         def composed(one: bm.Layer) -> bm.LinearImage:
             """The changed layer over the picture."""
-            above, below = ground.under(changed(one, wanted))
+            above, below = ground.under(_changed_if_any(one, wanted))
             return above.over(below)
 
         edit_row(reading, layer, out, composed, row)
@@ -214,6 +215,11 @@ def compose(
             bm.write(out, result)
         say(str(out))
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
+
+
+def _changed_if_any(layer: bm.Layer, wanted: Sequence[Change]) -> bm.Layer:
+    """The layer of a row after all changes; an empty one, of a frame without the object, stays so."""
+    return layer if layer.empty else changed(layer, wanted)
 
 
 def _check_one_layer(layer: str, looks: Looks) -> None:

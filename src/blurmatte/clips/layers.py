@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from shutil import copyfile
 
 from blurmatte.clips.table import FrameRecord
 from blurmatte.files import read_layer, write, write_frames
+from blurmatte.files.atomic import replacing
 from blurmatte.formats import Writes, written
-from blurmatte.layer import Layer
+from blurmatte.layer import Layer, empty_layer
 from blurmatte.motion.clip.solving import FrameSolver, Wanted
 from blurmatte.radiometry import LinearImage
 
@@ -61,6 +61,32 @@ def layer_name(frame: int, number: int, extension: str, several: bool) -> str:
     return f"object{number}/{name}" if several else name
 
 
+def write_empty_layers(
+    folder: Path,
+    records: Sequence[FrameRecord],
+    frames: Sequence[int],
+    size: tuple[int, int],
+    extension: str,
+    several: bool,
+) -> int:
+    """Write a transparent layer for each frame without one, so that no number is missing.
+
+    For each object that has a layer in some frame. Returns how many there are of the first object.
+    """
+    counts = [0]
+    for number in sorted({record.object for record in records if record.layer}):
+        named = {record.frame for record in records if record.layer and record.object == number}
+        rest = [frame for frame in frames if frame not in named]
+        paths = [folder / layer_name(frame, number, extension, several) for frame in rest]
+        counts.append(len(paths))
+        for path in paths[:1]:
+            write(path, empty_layer(size))
+        for path in paths[1:]:  # a copy takes much less time than to compress it again
+            with replacing(path, extension) as temporary:
+                copyfile(paths[0], temporary)
+    return counts[1] if len(counts) > 1 else 0
+
+
 def write_movie(
     path: Path,
     folder: Path,
@@ -71,9 +97,10 @@ def write_movie(
     """Write the layers of one object as a ProRes 4444 with alpha, as long as the clip."""
     named = {record.frame: record for record in records if record.layer}
     first = read_layer(folder / next(iter(named.values())).layer)
-    empty = Layer(np.zeros_like(first.alpha), np.zeros_like(first.premultiplied))
+    empty = empty_layer(first.size)
 
     def layers() -> Iterator[Layer]:
+        """The layer of each frame."""
         for number in frames:
             record = named.get(number)
             yield empty if record is None else read_layer(folder / record.layer)

@@ -12,14 +12,19 @@ from typing import Any
 
 from blurmatte.background import Shot
 from blurmatte.checks import Bools, check_kind
-from blurmatte.clips.layers import LAYER_EXTENSIONS, LayerWriter, write_movie
+from blurmatte.clips.layers import (
+    LAYER_EXTENSIONS,
+    LayerWriter,
+    write_empty_layers,
+    write_movie,
+)
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
 from blurmatte.clips.shots import Given, SolvableShot, prepared, shots_of
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
-from blurmatte.figures import draw_clip
-from blurmatte.files import Frames, require_parquet, write
+from blurmatte.figures import Matte, draw_clip
+from blurmatte.files import Frames, read_layer, require_parquet, write
 from blurmatte.matting import Grade
 from blurmatte.matting.case import Solver
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
@@ -29,6 +34,7 @@ from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
 TABLE_EXTENSIONS = ".csv", ".parquet"
+SHEET_FRAMES = 3  # that the sheet shows with their alpha
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,6 +154,9 @@ class ClipReport:
         Of this run.
     new : int
         Frames that were solved in this run.
+    empty : int
+        Frames without the object, or without a solution, whose layer file is transparent; of several
+        objects those of the first. 0 if layers are written with all numbers of a solution.
     """
 
     records: tuple[FrameRecord, ...]
@@ -156,6 +165,7 @@ class ClipReport:
     files: tuple[Path, ...]
     seconds: float
     new: int
+    empty: int = 0
 
     @property
     def grades(self) -> dict[str, int]:
@@ -185,7 +195,7 @@ def save_clip(
     the same inputs and settings skips what is done, and ends with the same files. The folder then has
 
     =================  ===============================================================
-    layer.000123.exr   the object in frame 123, in the whole window
+    layer.000123.exr   the object in frame 123, in the whole window; transparent without it
     frames.csv         a row for each of them: time, place, radius, grade, box; or frames.parquet
     overview.png       the paths over the plate; its charts need matplotlib
     report.json        shots, grades, problems, speed
@@ -231,8 +241,9 @@ def save_clip(
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
         files = _written(run, folder, work, shots)
+        empty = 0 if run.complete else _fill(run, folder, work.records)
         done = tuple(work.records), tuple(shots), tuple(work.problems)
-        report = ClipReport(*done, files, time.monotonic() - begun, work.new)
+        report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
         write(folder / "report.json", _numbers(run, report))
         yield report
 
@@ -314,7 +325,8 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
             write(files[-1], plate)
     files.append(folder / "overview.png")
-    write(files[-1], draw_clip(work.plates[0], work.rows, _words(work, shots), name=run.name))
+    words, mattes = _words(work, shots), _mattes(run, folder, work.records)
+    write(files[-1], draw_clip(work.plates[0], work.rows, words, name=run.name, mattes=mattes))
     if run.extension == ".mov":
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:
@@ -324,6 +336,24 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
             write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
             files.append(folder / name)
     return tuple(files)
+
+
+def _mattes(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> list[Matte]:
+    """Frames with layers for the sheet, early, in the middle and late in the clip."""
+    layers = [record for record in records if record.layer]
+    count = min(len(layers), SHEET_FRAMES)
+    chosen = [layers[(2 * k + 1) * len(layers) // (2 * count)] for k in range(count)]
+    places = {number: k for k, number in enumerate(run.frames.frame_numbers)}
+    return [
+        Matte(one.frame, run.frames[places[one.frame]], read_layer(folder / one.layer))
+        for one in chosen
+    ]
+
+
+def _fill(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> int:
+    """Write empty layers of the other frames; how many."""
+    numbers, size = run.frames.frame_numbers, run.frames.size
+    return write_empty_layers(folder, records, numbers, size, run.file_extension, run.several)
 
 
 def _without_layer(work: _Work) -> list[str]:
@@ -367,6 +397,7 @@ def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:
         "rate": run.rate or run.frames.rate,
         "size": run.frames.size,
         "layers": len(layers),
+        "empty_layers": report.empty,
         "grades": report.grades,
         "shots": [asdict(replace(shot)) for shot in report.shots],
         "problems": list(report.problems),

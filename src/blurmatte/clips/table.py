@@ -31,7 +31,7 @@ class FrameRecord:
     sum_alpha, sum_alpha_std : float or None
         Pixels.
     color : str
-        sRGB-coded.
+        That names the object, `ColorModel.color`.
     grade : str
         Of the solution; "" if there is none.
     alpha_error : float or None
@@ -83,7 +83,7 @@ class FrameRecord:
             length=None if sweep is None else float(sweep.length),
             sum_alpha=float(solution.alpha[inside].sum(dtype=float)),
             sum_alpha_std=float(solution.stats["sum_alpha_std"]),
-            color="" if solution.model.rank == 3 else " + ".join(solution.model.hex),
+            color=solution.model.color,
             grade=str(solution.grade),
             alpha_error=float(solution.stats["alpha_error"]),
             box=None if whole.empty else whole.box,
@@ -120,7 +120,7 @@ class PictureRecord:
     angle, angle_std : float or None
         Direction of the motion, degrees, as `measure_motion` gives it.
     color : str
-        sRGB-coded.
+        That names the object, `ColorModel.color`.
     reason : str
         Why it was refused.
     """
@@ -149,7 +149,7 @@ class PictureRecord:
             alpha_error=stats.get("alpha_error"),
             sum_alpha=stats.get("sum_alpha"),
             sum_alpha_std=stats.get("sum_alpha_std"),
-            color="" if solution.model.rank == 3 else " + ".join(solution.model.hex),
+            color=solution.model.color,
         )
         try:
             motion = measure_motion(solution)

@@ -35,18 +35,22 @@ class ColorModel:
         Standard deviation of the pole, degrees, from each kind of evidence alone.
     to_srgb : 3 x 3 floats, optional
         Linear RGB of a camera → linear sRGB (`Meta.to_srgb`), for a model in the colors of a camera.
-        Used by `hex` and `srgb` only.
+        Used by `color`, `hex` and `srgb` only.
+    mean : (3,) float, optional
+        Mean light of the object, 1 = white, in the primaries of the basis; None if it was not
+        measured. Used by `color` only: fits do not depend on it.
 
     Raises
     ------
     ValueError
-        If the basis is not orthonormal or the covariance not (3, 3).
+        If the basis is not orthonormal, the covariance not (3, 3), or the mean not (3,).
     """
 
     basis: Array
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     evidence: Mapping[str, float] = field(default_factory=dict)
     to_srgb: Matrix3 | None = None
+    mean: Array | None = None
 
     def __post_init__(self) -> None:
         basis = np.asarray(self.basis, dtype=float)
@@ -61,13 +65,17 @@ class ColorModel:
             raise ValueError(f"covariance must be finite, (3, 3), got {covariance.shape}")
         if self.to_srgb is not None and np.shape(self.to_srgb) != (3, 3):
             raise ValueError(f"to_srgb must be 3 x 3 numbers, got {self.to_srgb}")
+        if self.mean is not None:
+            mean = np.asarray(self.mean, dtype=float)
+            if mean.shape != (3,) or not np.all(np.isfinite(mean)):
+                raise ValueError(f"mean must be three finite numbers, got {self.mean}")
+            object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "basis", basis)
         object.__setattr__(self, "covariance", covariance)
 
     def __repr__(self) -> str:
-        if self.rank == 3:
-            return "ColorModel(rank 3, any colors)"
-        return f"ColorModel(rank {self.rank}, {' + '.join(self.hex)}, ±{self.angle_std:.2g}°)"
+        sure = f", ±{self.angle_std:.2g}°" if self.rank < 3 else ""
+        return f"ColorModel({self.in_words}{sure})"
 
     @property
     def rank(self) -> int:
@@ -121,6 +129,24 @@ class ColorModel:
     def hex(self) -> tuple[str, ...]:
         """The colors of `srgb` as sRGB-coded #rrggbb."""
         return tuple(hex_of_light(color) for color in self.srgb)
+
+    @property
+    def color(self) -> str:
+        """The color by which the object is named, sRGB-coded #rrggbb; "" if it is not known.
+
+        Rank 1: that of the line, its brightest channel 1. Rank 2 and 3: the mean light of the object.
+        """
+        if self.rank == 1:
+            return self.hex[0]
+        if self.mean is None:
+            return ""
+        return hex_of_light(np.clip(light_in_srgb(self.mean, self.to_srgb), 0, 1))
+
+    @property
+    def in_words(self) -> str:
+        """The color that names the object, if it is known, the rank, and the ends of a plane."""
+        kinds = "", f"between {' and '.join(self.hex)}", "any colors"
+        return ", ".join(filter(None, (self.color, f"rank {self.rank}", kinds[self.rank - 1])))
 
     @property
     def possible(self) -> tuple[ColorModel, ...]:
@@ -229,7 +255,8 @@ class ColorModel:
                 f"colors only to {model.angle_std:.0f}°; rank 2 needs two clearly different colors, "
                 "and no sample may be black"
             )
-        return cls(model.basis, covariance, {"samples": model.angle_std})
+        mean = np.maximum(samples.mean(axis=0), 0)
+        return cls(model.basis, covariance, {"samples": model.angle_std}, mean=mean)
 
 
 def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
@@ -257,7 +284,9 @@ def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
     std = float(np.degrees(np.sqrt(np.trace(covariance) / 2)))
     pole = mean / np.linalg.norm(mean)
     basis = pole[:, None] if models[0].rank == 1 else _bright(perpendicular(pole))
-    return ColorModel(basis, T @ covariance @ T.T, {"frames": std}, models[0].to_srgb)
+    means = [model.mean for model in models if model.mean is not None]
+    light = np.mean(means, axis=0) if means else None
+    return ColorModel(basis, T @ covariance @ T.T, {"frames": std}, models[0].to_srgb, light)
 
 
 def _bright(basis: Array) -> Array:

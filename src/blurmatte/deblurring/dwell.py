@@ -129,6 +129,7 @@ def _smooth_times(rows: Array, data: Array) -> tuple[Array, Array, float]:
     N, b, Q = rows.T @ rows, rows.T @ data, D.T @ D
 
     def fit(log_strength: float) -> tuple[float, float, Array]:
+        """Log evidence, residual sum of squares, and covariance at a strength of the prior."""
         factor = cho_factor(N + np.exp(log_strength) * Q)
         misfit = float(data @ data - b @ cho_solve(factor, b))
         log_det = 2 * np.log(np.diag(factor[0])).sum()

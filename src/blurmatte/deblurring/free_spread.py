@@ -34,11 +34,13 @@ class _Problem:
     support: Bools
 
     def blurred(self, h: Array) -> Array:
+        """χ convolved with h."""
         from scipy.signal import fftconvolve
 
         return np.asarray(fftconvolve(h, self.chi, mode="same"))
 
     def gradient(self, residual: Array) -> Array:
+        """χᵀ of the weighted residual: half the gradient by h of the sum of squares."""
         from scipy.signal import fftconvolve
 
         return np.asarray(fftconvolve(self.weight * residual, self.chi[::-1, ::-1], mode="same"))

@@ -278,6 +278,7 @@ def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     near = seen_moments(view.sweep, pixels, poses_of(view.sweep, count=count))
 
     def model(moved: View) -> Array:
+        """Light (pixels, 3) that the object adds to the plate."""
         poses = poses_of(moved.sweep, count=count)
         alpha, light = blurred(color, moved.sweep, lattice, pixels, poses, near)
         return light - alpha[:, None] * view.B

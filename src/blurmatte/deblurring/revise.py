@@ -55,6 +55,7 @@ class _Level:
 
     @classmethod
     def of(cls, view: View, by: int) -> "_Level":
+        """Of blocks of `by` x `by` pixels."""
         coarse, lattice = view.coarser(by), Lattice.of(view.sweep, by)
         alpha = coarse.blur(lattice).alpha
         return cls(coarse, lattice, [coarse.weight(alpha, around=True)])
@@ -85,6 +86,7 @@ class _Motion:
 
     @classmethod
     def of(cls, state: Explained, prior: Array) -> "_Motion":
+        """Of explained light, by the prior covariance of the parameters."""
         sweep, free = state.views[0].sweep, np.diag(prior) > 0
         volumes = [np.linalg.slogdet(C[np.ix_(free, free)])[1] for C in (sweep.covariance, prior)]
         evidence = state.fit.log_evidence + float(volumes[0] - volumes[1]) / 2

@@ -22,7 +22,9 @@ _ANY = (
 
 
 def color_in_words(model: ColorModel) -> Iterator[str]:
-    """Sentences."""
+    """Sentences: the mean color of several, which colors are possible, and their evidence."""
+    if model.rank > 1 and model.color:
+        yield f"On average {model.color}."
     if model.rank == 3:
         yield _ANY
         return

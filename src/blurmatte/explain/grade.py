@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 from blurmatte.explain.numbers import rounded_std
@@ -82,13 +83,16 @@ def _errors(stats: Mapping[str, Any], grade: Grade) -> list[str]:
 
 
 def alternatives_of(solution: Solution) -> list[Alternative]:
-    """The hypotheses of `stats["alternatives"]`, the answer's own first.
+    """The hypotheses of `stats["alternatives"]`, the answer's own first, in the color of the answer.
 
     None if the grade is confirmed, or if none were compared.
     """
     if solution.grade is Grade.CONFIRMED or "grade" not in solution.stats:
         return []
-    return [Alternative(**one) for one in solution.stats.get("alternatives", ())]
+    found = [Alternative(**one) for one in solution.stats.get("alternatives", ())]
+    if found and solution.model.color:
+        found[0] = replace(found[0], hex=solution.model.color)
+    return found
 
 
 def alternatives_in_words(solution: Solution) -> list[str]:

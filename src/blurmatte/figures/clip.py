@@ -19,11 +19,15 @@ from blurmatte.figures.drawing import (
     ellipse_enlargement,
     figure_pixels,
     fitted,
+    gray_codes,
     new_figure,
     principal_axes,
+    round_up,
     sheet_style,
+    srgb_codes,
 )
-from blurmatte.figures.sheet import Page, Sheet
+from blurmatte.figures.sheet import Layout, Page, Panel, Sheet
+from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace
@@ -31,12 +35,22 @@ from blurmatte.motion.picture.motion import Scale
 from blurmatte.radiometry import LinearImage
 
 MAX_PICTURE_HEIGHT = 1300  # pixels of the sheet
+MATTES_HEIGHT = 900  # pixels of the sheet, of frames and their alpha together
 
 # Ten colors that are distinct on dark and on white, those of matplotlib and Tableau.
 _PALETTE = (
     "#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd",
     "#8c564b", "#e377c2", "#7f7f7f", "#bcbd22", "#17becf",
 )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Matte:
+    """A frame of a clip, by its number, and the layer that was separated from it."""
+
+    frame: int
+    image: LinearImage
+    layer: Layer
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +81,7 @@ def draw_clip(
     words: Sequence[str] = (),
     physics: ClipPhysics | None = None,
     name: str = "clip",
+    mattes: Sequence[Matte] = (),
 ) -> Pixels:
     """Draw the paths of objects through a clip over its plate; place, speed and radius over time.
 
@@ -90,6 +105,8 @@ def draw_clip(
         What is known in meters and seconds; without it the charts are in pixels.
     name : str
         Of the clip, the title.
+    mattes : sequence of Matte
+        Frames that are shown with their alpha, three in a row; the sheet has none without them.
 
     Returns
     -------
@@ -118,8 +135,34 @@ def draw_clip(
             f"Dashed and hollow: {doubted} of {len(found)}, whose numbers are in doubt; the table says "
             "why."
         )
+    _draw_mattes(sheet, mattes)
     sheet.sentences([*words, *notes])
     return sheet.pixels()
+
+
+def _draw_mattes(sheet: Sheet, mattes: Sequence[Matte]) -> None:
+    """Draw the surroundings of the object in each frame, and below them its alpha, of one scale."""
+    solved = [one for one in mattes if not one.layer.empty]
+    if not solved:
+        return
+    boxes = np.array([one.layer.box for one in solved])
+    sides = (boxes[:, 2:] - boxes[:, :2]).max(axis=0)
+    room = np.minimum(sides + 2 * max(8, int(sides.max()) // 4), solved[0].layer.size)
+    corners = np.clip((boxes[:, :2] + boxes[:, 2:] - room) // 2, 0, solved[0].layer.size - room)
+    crops = [(int(x), int(y), int(x + room[0]), int(y + room[1])) for x, y in corners]
+    parts = [one.layer.crop(crop) for one, crop in zip(solved, crops, strict=True)]
+    peak = round_up(max(float(part.alpha.max()) for part in parts))
+    shown = [
+        Panel(srgb_codes(one.image.in_srgb().crop(crop).rgb), f"frame {one.frame}")
+        for one, crop in zip(solved, crops, strict=True)
+    ]
+    shown += [
+        Panel(gray_codes(part.alpha, peak), f"alpha {one.frame}", f"white = {peak:g}")
+        for one, part in zip(solved, parts, strict=True)
+    ]
+    size = int(room[0]), int(room[1])
+    layout = Layout.best(size, len(shown), len(solved), MATTES_HEIGHT)
+    sheet.grid(shown, layout, "frames and their alpha")
 
 
 def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[Color, str]]:

@@ -1,5 +1,7 @@
 """Sheets of layers: before and after an edit, exposures of paints, and a quick look."""
 
+from io import BytesIO
+
 import numpy as np
 
 from blurmatte.checks import Box, check_kind, check_same_size
@@ -113,6 +115,15 @@ def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
         ]
         sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
     return sheet.pixels()
+
+
+def png_of_look(thing: LinearImage | Layer | Solution) -> bytes:
+    """The sheet of `draw_look` as PNG."""
+    from PIL import Image
+
+    file = BytesIO()
+    Image.fromarray(draw_look(thing)).save(file, "png")
+    return file.getvalue()
 
 
 def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:

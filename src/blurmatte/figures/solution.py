@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, check_same_size
+from blurmatte.checks import Bools, Box, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.explain import explain
@@ -104,17 +104,18 @@ def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
     model = solution.model
     y = sheet.heading(x, sheet.y, "color of the object")
     width = min(Page.width - Page.margin - x, 520)
-    mix = np.linspace(0, 1, width)[None, :, None]
-    first, last, name = _colors(solution)
-    sheet.paste(srgb_codes((1 - mix) * first + mix * last).repeat(56, axis=0), x, y)
-    y += 64
+    for row in _swatch(model, width):
+        sheet.paste(row, x, y)
+        y += row.shape[0]
+    y += 8
     if len({other.hex for other in model.possible}) > 1:
         for row in _possible(model):
             sheet.paste(row, x, y)
             y += row.shape[0] + 4
         region = "the color, and the rim of what it is in 95 of 100 cases"
         y += sheet.text(x, y, width, region, Page.body_size, Palette.dim) + 8
-    y += sheet.text(x, y, width, name, Page.title_size, Palette.bright) + 6
+    sure = f", ± {model.angle_std:.2g}°" if model.evidence and model.rank < 3 else ""
+    y += sheet.text(x, y, width, model.in_words + sure, Page.title_size, Palette.bright) + 6
     for sentence in explain(model):
         y = sheet.line(x, y, sentence, Palette.dim) + 3
     return y
@@ -202,18 +203,19 @@ def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
     return (rows.start, rows.stop), (columns.start, columns.stop)
 
 
-def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
-    """Linear light at both ends of a swatch, and its label."""
-    model = solution.model
-    if model.rank == 3:
-        layer = solution.layer
-        mean = layer.premultiplied.sum(axis=(0, 1)) / max(float(layer.alpha.sum()), 1e-9)
-        mean = np.clip(mean, 0, 1)
-        return mean, mean, "any colors, on average this"
-    colors = model.srgb
-    sure = f"   ± {model.angle_std:.2g}°" if model.evidence else ""
-    first, last = (0 * colors[0], colors[0]) if model.rank == 1 else (colors[0], colors[1])
-    return first, last, "  to  ".join(model.hex) + sure
+def _swatch(model: ColorModel, width: int) -> list[Pixels]:
+    """Rows of a swatch: shades of one paint; of several their mean, and mixtures of two below it."""
+    rows, height = list[Pixels](), 56
+    if model.rank > 1 and model.color:
+        mean = np.array(list(bytes.fromhex(model.color[1:])), np.uint8)
+        height = 56 if model.rank == 3 else 40
+        rows.append(np.broadcast_to(mean, (height, width, 3)))
+        height = 56 - height
+    if model.rank < 3:
+        mix = np.linspace(0, 1, width)[None, :, None]
+        first, last = (0 * model.srgb[0], *model.srgb)[-2:]
+        rows.append(srgb_codes((1 - mix) * first + mix * last).repeat(height, axis=0))
+    return rows
 
 
 def _possible(model: ColorModel) -> list[Pixels]:

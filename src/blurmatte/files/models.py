@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Json
 
+from blurmatte.checks import MAX_LIGHT
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.documents import (
@@ -36,12 +37,13 @@ MAX_ORDER = 64  # of the Fourier series of an outline
 
 
 def model_to_json(model: ColorModel) -> str:
-    """All fields of the model, and its colors as hexadecimal for readers.
+    """All fields of the model, and its color and axes as hexadecimal for readers.
 
     JSON has no infinity; infinite evidence becomes null.
     """
     fields: dict[str, Any] = {
         "rank": model.rank,
+        "color": model.color,
         "hex": list(model.hex),
         "basis": model.basis.tolist(),
         "covariance": model.covariance.tolist(),
@@ -49,6 +51,8 @@ def model_to_json(model: ColorModel) -> str:
     }
     if model.to_srgb is not None:
         fields["to_srgb"] = [list(row) for row in model.to_srgb]
+    if model.mean is not None:
+        fields["mean"] = model.mean.tolist()
     lines = (f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in fields.items())
     return "{\n" + ",\n".join(lines) + "\n}"
 
@@ -120,8 +124,10 @@ class _ModelFields:
     covariance: Annotated[Array, covariance_matrix(MAX_ANGLE_VARIANCE, 3, 3)]
     evidence: dict[str, Annotated[float, numbers(0, MAX_FLOAT)] | None]
     to_srgb: Annotated[Array, numbers(-MAX_GAIN, MAX_GAIN, 3, 3)] | None = None
-    # They follow from the basis; for people.
+    mean: Annotated[Array, numbers(-MAX_LIGHT, MAX_LIGHT, 3)] | None = None
+    # They follow from the others; for people.
     rank: Any = None
+    color: Any = None
     hex: Any = None
 
 
@@ -129,7 +135,7 @@ def _model(fields: _ModelFields) -> ColorModel:
     evidence = {k: math.inf if v is None else v for k, v in fields.evidence.items()}
     rows = fields.to_srgb
     to_srgb = None if rows is None else tuple(map(tuple, rows.tolist()))
-    return ColorModel(fields.basis, fields.covariance, evidence, to_srgb)
+    return ColorModel(fields.basis, fields.covariance, evidence, to_srgb, fields.mean)
 
 
 MODEL = Annotated[_ModelFields, AfterValidator(_model)]

@@ -37,6 +37,7 @@ class _Loader(yaml.SafeLoader):
     """Without aliases, repeated keys and types of tags; with numbers as all programs write them."""
 
     def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node, or a MarkedYAMLError at an alias."""
         if self.check_event(yaml.AliasEvent):
             mark = self.get_event().start_mark  # type: ignore[no-untyped-call]
             raise yaml.MarkedYAMLError(problem="aliases are not supported", problem_mark=mark)

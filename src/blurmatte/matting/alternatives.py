@@ -6,7 +6,7 @@ factor common to all alpha.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.calibration import GRADE_LIMITS, rms_difference
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.object_light import light_given
-from blurmatte.radiometry import LinearImage, hex_of_light, light_in_srgb
+from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.sweep import Sweep
 
 MAX_ALTERNATIVES = 5  # listed, the result itself included
@@ -40,9 +40,9 @@ class Alternative:
     name : str
         Such as "disc on a parabola, one paint".
     rgb : (float, float, float)
-        Its mean color, weighted by alpha; linear light in the primaries of the image.
+        Its mean light, weighted by alpha, in the primaries of the image.
     hex : str
-        The same, sRGB-coded #rrggbb.
+        The color that names the object, as `ColorModel.color`: sRGB-coded #rrggbb.
     weight : float
         Posterior probability, 0…1.
     alpha_factor : float
@@ -102,11 +102,12 @@ def alternative(
         model, radius = hypothesis.model, hypothesis.radius
         plate = hypothesis.in_shadow(plate, box)
     assert isinstance(model, ColorModel)
-    r, g, b = (float(light) for light in _mean_color(estimate, model, image, plate))
+    mean = _mean_color(estimate, model, image, plate)
+    r, g, b = mean.tolist()
     return Alternative(
         _name(hypothesis),
         (r, g, b),
-        hex_of_light(np.clip(light_in_srgb(np.array([r, g, b]), model.to_srgb), 0, 1)),
+        replace(model, mean=mean).color,
         float(weight),
         _alpha_factor(estimate, result),
         rms_difference(result, estimate),

@@ -13,12 +13,13 @@ from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting.calibration import grade_of
 from blurmatte.matting.maps import Grade, PixelMaps, Quality
+from blurmatte.notebook import Displayed
 from blurmatte.radiometry import light_in_srgb
 from blurmatte.sweep.sweep import Sweep
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class Solution(Displayed):
     """Alpha and premultiplied light of a moving object, with errors.
 
     Parameters

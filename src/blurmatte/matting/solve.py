@@ -26,7 +26,7 @@ from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.summary import noise_summary, streak_summary
+from blurmatte.matting.summary import mean_light, noise_summary, streak_summary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
@@ -251,7 +251,8 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
         sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance)
-    return Solution(*maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=sweep)
+    model = replace(case.model, mean=mean_light(maps))
+    return Solution(*maps, model=model, solver=repr(case.solver), stats=stats, sweep=sweep)
 
 
 def _graded_alone(

@@ -34,6 +34,21 @@ def streak_summary(
     }
 
 
+def mean_light(maps: PixelMaps) -> npt.NDArray[np.float64] | None:
+    """(3,) light of the object over its alpha, both summed as in `Solution.layer`.
+
+    None if that alpha sums to nothing.
+    """
+    unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
+    y, x = np.nonzero((maps.alpha > 0) & ~has_flag(maps.quality, unknown))
+    known = np.isfinite(maps.alpha_std[y, x]) & np.isfinite(maps.premultiplied_std[y, x]).all(1)
+    total = float(np.minimum(maps.alpha[y, x][known], 1).sum(dtype=float))
+    if total == 0:
+        return None
+    light = np.maximum(maps.premultiplied[y, x][known], 0).sum(axis=0, dtype=float)
+    return np.asarray(light / total)
+
+
 def sweep_summary(sweep: Sweep) -> dict[str, Any]:
     """Path, outline and size."""
     return {

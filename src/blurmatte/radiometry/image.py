@@ -18,6 +18,7 @@ from blurmatte.checks import (
     check_map,
 )
 from blurmatte.errors import PlateError
+from blurmatte.notebook import Displayed
 from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.noise_model import NoiseModel
@@ -98,7 +99,7 @@ class Meta:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearImage:
+class LinearImage(Displayed):
     """Linear light, its noise, and its valid pixels.
 
     Parameters

@@ -98,11 +98,12 @@ class DiscColors:
     @property
     def plane(self) -> ColorModel:
         """Of two paints: the information on its turn about the mean is twice the log Bayes factor."""
-        mean, second, _ = self.axes.T
+        first, second, _ = self.axes.T
         about_mean = 1 / (2 * max(self.log_odds[0], 0.5))  # radians²; a line has any angle
         covariance = about_mean * np.outer(second, second)
-        covariance += np.radians(self.mean.angle_std) ** 2 * np.outer(mean, mean)
-        return ColorModel(self.axes[:, :2], covariance, to_srgb=self.mean.to_srgb)
+        covariance += np.radians(self.mean.angle_std) ** 2 * np.outer(first, first)
+        mean = self.mean
+        return ColorModel(self.axes[:, :2], covariance, to_srgb=mean.to_srgb, mean=mean.mean)
 
 
 def fit_sweep(

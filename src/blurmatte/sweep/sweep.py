@@ -122,7 +122,7 @@ class Sweep:
     def __repr__(self) -> str:
         return (
             f"Sweep({self.silhouette.name} on a {self.family.name}, {self.length:.1f} px long, "
-            f"radius {self.radius:.2f} ± {self.radius_std:.2f} px, {' + '.join(self.model.hex)})"
+            f"radius {self.radius:.2f} ± {self.radius_std:.2f} px, {self.model.in_words})"
         )
 
     @property

@@ -20,7 +20,8 @@ from blurmatte.motion import (
     measure_clip,
     sightings,
 )
-from blurmatte.radiometry import LinearImage
+from blurmatte.motion.clip.color import seen_color
+from blurmatte.radiometry import LinearImage, light_of_hex
 from blurmatte.rendering import Ball, Camera, Scene, Shadow, colorful_plate, plain_plate, render
 from blurmatte.trajectory import Trajectory
 
@@ -240,6 +241,23 @@ def test_any_colors_finds_both_balls(clip):
     places = np.array([s.place for s in seen.found])
     assert np.min(np.linalg.norm(places - true_place(0), axis=1)) < 0.5
     assert np.min(np.linalg.norm(places - (136, 17), axis=1)) < 0.5
+
+
+def test_a_sighting_has_the_mean_color_of_the_ball(clip, rows):
+    """Oracle: of one paint that of the model, of several the light that the ball has in the frame.
+
+    A track has the median of its frames.
+    """
+    assert {row.sighting.color for row in rows if row.sighting} == {MODEL.color}
+    frames, plate = clip
+    plane = ColorModel.from_samples(np.array([COLOR, (1.0, 1.0, 1.0)]), 2, std=1e-3)  # and gloss
+    found = measure_clip(frames[:3], plate, plane)
+    light = light_of_hex(*[row.sighting.color for row in found])
+    assert_allclose(light / light[:, 1:2], np.tile(np.array(COLOR) / COLOR[1], (3, 1)), atol=0.1)
+    color = seen_color(plane, found)
+    assert_allclose(color.mean, np.median(light, axis=0))
+    assert color.in_words.startswith(f"{color.color}, rank 2, between #")
+    assert seen_color(MODEL, rows) is MODEL
 
 
 def color_of_ball_with(other, paths, length, seed):

@@ -9,10 +9,10 @@ from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
-from blurmatte.motion.clip.detections import NOTHING_MOVED
+from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameMotion
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
-from blurmatte.radiometry import LinearImage, coded_frames
+from blurmatte.radiometry import LinearImage, coded_frames, light_of_hex
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import DiscColors, fit_disc_colors, fit_sweep
@@ -168,6 +168,23 @@ def _angle(a: DiscColors, b: DiscColors) -> float:
     """
     away = [float(np.linalg.norm(x.mean.pole @ y.normals)) for x, y in ((a, b), (b, a))]
     return float(np.arcsin(min(max(away), 1.0)))
+
+
+def seen_color(model: ColorModel, rows: Sequence[FrameMotion]) -> ColorModel:
+    """The color model of a clip, its mean light the median over the frames that show the object whole.
+
+    Unchanged if no frame does, or if it has one paint.
+    """
+    if model.rank == 1:
+        return model
+    found = [row.sighting for row in rows if row.sighting is not None and row.sighting.color]
+    colors = [one.color for one in found if one.is_sound] or [one.color for one in found]
+    if not colors:
+        return model
+    mean = np.median(light_of_hex(*colors), axis=0)
+    if model.to_srgb is not None:
+        mean = np.linalg.solve(np.array(model.to_srgb), mean)
+    return replace(model, mean=mean)
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ class Sighting:
     first_x, first_y, last_x, last_y : float
         The ends of the path.
     color : str
-        sRGB-coded.
+        That names the object, `ColorModel.color`: its mean in this frame unless it has one paint.
     evidence : float
         Strength of its light, as in `Streak`.
     source, path, silhouette : str

@@ -315,20 +315,20 @@ def _measured(
     sweep = fit_disc(image, plate, streak, model)
     if not sweep.rejection:
         motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
-        return _sighting(motion, streak, model, sweep)
+        return _sighting(motion, streak, replace(model, mean=sweep.model.mean), sweep)
     if model.rank == 3:
         raise MotionError(
             "no disc on a path explains the streak, and without a color nothing else can be measured"
         )
-    motion = _motion_of_pixels(image, plate, streak, model)
+    motion, model = _motion_of_pixels(image, plate, streak, model)
     motion = replace(motion, covariance=inflation**2 * motion.covariance)
     return _sighting(motion, streak, model, sweep)
 
 
 def _motion_of_pixels(
     image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
-) -> Motion:
-    """Motion from the moments of alpha around a streak, in coordinates of the whole picture."""
+) -> tuple[Motion, ColorModel]:
+    """Motion from the moments of alpha around a streak, in the whole picture; the colors seen."""
     x0, y0, x1, y1 = box = streak.around(_MARGIN)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BlurmatteWarning)
@@ -343,13 +343,14 @@ def _motion_of_pixels(
     motion = motion_of_alpha(solution)
     corner, values = np.array([x0, y0], float), motion.values.copy()
     values[:2] += corner
-    return replace(
+    motion = replace(
         motion,
         trajectory=Trajectory(motion.trajectory.xy + corner, motion.trajectory.t),
         values=values,
         size=image.size,
         doubts=motion.doubts + tuple(str(warning.message) for warning in caught),
     )
+    return motion, solution.model
 
 
 def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Sighting:
@@ -378,7 +379,7 @@ def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -
         first_y=first_y,
         last_x=last_x,
         last_y=last_y,
-        color="" if model.rank == 3 else " + ".join(model.hex),
+        color=model.color,
         evidence=float(streak.evidence),
         residual_excess=sweep.diagnostics.residual_excess,
         doubts=" ".join(motion.doubts),

@@ -41,7 +41,7 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
     area_error = np.hypot(area_error, candidate.opacity_std / silhouette.opacity)
     model = _color_model(state, inflation, float(area_error))
-    model = replace(model, to_srgb=image.meta.to_srgb)
+    model = replace(model, to_srgb=image.meta.to_srgb, mean=np.maximum(state.mean_color, 0))
     sweep = Sweep(
         state.family, state.path, silhouette, shape, model, covariance, image.size,
         cast=candidate.cast, opacity_std=candidate.opacity_std,
