@@ -298,7 +298,8 @@ def test_stacks_layers(scene, tmp_path):
     names = [tmp_path / f"l.{n}.exr" for n in range(3)]
     for name, one in zip(names, layers, strict=True):
         bm.write(name, one)
-    good("stack", *names, "--out", tmp_path / "all.exr")
+    written = good("stack", *names, "--out", tmp_path / "all.exr")
+    assert written.stdout.strip() == str(tmp_path / "all.exr")
     together = bm.read_layer(tmp_path / "all.exr")
     assert_allclose(together.alpha, bm.stack(layers).alpha, atol=1e-6)
     over = "--over", scene / "plate.png"

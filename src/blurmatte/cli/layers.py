@@ -14,6 +14,7 @@ from blurmatte.cli.console import (
     flag,
     grade_lines,
     option,
+    say,
     waiting,
     with_progress,
 )
@@ -53,6 +54,7 @@ def stack(
             result = whole.over(picture)
     with about(out):
         bm.write(out, result)
+    say(str(out))
 
 
 @command(
