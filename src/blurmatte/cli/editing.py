@@ -249,9 +249,11 @@ def _read(
     with about(path), ThreadPoolExecutor() as pool:
         for package in _needed(pictures):
             pool.submit(import_module, package)
-        first = pool.submit(layer)
+        first = pool.submit(copy_context().run, layer)
         others = [
-            pool.submit(bm.read, name, reading.curve_of(name), reading.max_pixels)
+            pool.submit(
+                copy_context().run, bm.read, name, reading.curve_of(name), reading.max_pixels
+            )
             for name in pictures
         ]
         return first.result(), [other.result() for other in others]

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, check_same_size
+from blurmatte.checks import Bools, Box, Floats, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.explain import explain

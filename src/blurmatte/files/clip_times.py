@@ -81,10 +81,10 @@ def timing_of(
 
     `decoded()` are the `VideoFrame`s of the clip from its beginning.
 
-    Raises FileError if none can be decoded, or if all need frames that are missing. Warns BlurmatteWarning if the file is truncated, if frames
-    cannot be decoded, if time stamps repeat or go back, or if the file states that frames were taken at
-    another rate than they are played at; times are then those of the capture, if the rates are
-    constant.
+    Raises FileError if none can be decoded, or if all need frames that are missing. Warns
+    BlurmatteWarning if the file is truncated, if frames cannot be decoded, if time stamps repeat or go
+    back, or if the file states that frames were taken at another rate than they are played at; times
+    are then those of the capture, if the rates are constant.
     """
     import av
 

@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction
 _MAX_WIDTH_RATIO = 2.0  # of two parts of one streak
+_PARABOLA = 3  # parameters: of fewer cells it is not determined
 _STILL_QUANTILE = 0.95  # of T where nothing moved: the corridor's median exceeds it
 
 
@@ -36,20 +37,19 @@ class Curve:
     def through(cls, one: Array, other: Array) -> "Curve | None":
         """The curve of two parts; None unless they lie in line."""
         both = np.concatenate([one, other])
-        origin = both.mean(axis=0)
-        frame = np.linalg.eigh(np.cov((both - origin).T))[1].T[::-1]
+        origin, frame = both.mean(axis=0), _axes(both)
         first, second = sorted(((p - origin) @ frame.T for p in (one, other)), key=_start)
         gap = (float(first[:, 0].max()), float(second[:, 0].min()))
+        if gap[0] >= gap[1] or not (_is_elongated(first) and _is_elongated(second)):
+            return None
+        spreads = [_spread(part) for part in (first, second)]
+        if max(spreads) > _MAX_WIDTH_RATIO * min(spreads):
+            return None
         u, v = np.concatenate([first, second]).T
         bend = np.polyfit(u, v, 2)
-        spreads = [_spread(part) for part in (first, second)]
-        if gap[0] >= gap[1] or max(spreads) > _MAX_WIDTH_RATIO * min(spreads):
-            return None
         for part, spread in zip((first, second), spreads, strict=True):
-            along = float(np.ptp(part[:, 0]))
             offset = float(np.mean((part[:, 1] - np.polyval(bend, part[:, 0])) ** 2)) - spread**2
-            # A strip of constant density has the width √12 times its spread.
-            if along < _MIN_ELONGATION * np.sqrt(12) * spread or offset > spread**2:
+            if offset > spread**2:
                 return None
         return cls(frame, origin, bend, gap, float(np.sqrt(3) * np.mean(spreads)))
 
@@ -67,10 +67,23 @@ def _start(part: Array) -> float:
     return float(part[:, 0].mean())
 
 
+def _axes(part: Array) -> Array:
+    """(2, 2) unit vectors along and across a part."""
+    return np.asarray(np.linalg.eigh(np.cov((part - part.mean(axis=0)).T))[1].T[::-1])
+
+
 def _spread(part: Array) -> float:
     """Standard deviation across a part, about its own parabola; at least that of one cell."""
     u, v = part.T
+    u = u - u.mean()
     return max(float(np.std(v - np.polyval(np.polyfit(u, v, 2), u))), 12**-0.5)
+
+
+def _is_elongated(part: Array) -> bool:
+    """Whether a part, along its first axis, is longer than wide: only then it has a direction."""
+    # A strip of constant density has the width √12 times its spread.
+    along, least = float(np.ptp(part[:, 0])), _MIN_ELONGATION * np.sqrt(12)
+    return bool(along >= least * 12**-0.5 and along >= least * _spread(part))
 
 
 def join_in_line(parts: Sequence[Bools], T: Floats) -> list[Bools]:
@@ -95,16 +108,27 @@ def join_in_line(parts: Sequence[Bools], T: Floats) -> list[Bools]:
 
 def _joined(parts: list[Bools], is_streak: Callable[[Bools], bool]) -> list[Bools]:
     """The parts after all possible joins, each the first that is found."""
-    places = [_cells(part) for part in parts]
-    for i in range(len(parts)):
-        for j in range(i + 1, len(parts)):
-            curve = Curve.through(places[i], places[j])
-            corridor = None if curve is None else curve.corridor(parts[i].shape)
+    short = [part for part in parts if not _has_direction(_cells(part))]
+    waiting = [part for part in parts if not any(part is other for other in short)]
+    done: list[tuple[Bools, Array]] = []
+    while waiting:
+        part = waiting.pop(0)
+        cells = _cells(part)
+        for k, (other, places) in enumerate(done):
+            curve = Curve.through(places, cells)
+            corridor = None if curve is None else curve.corridor(part.shape)
             if corridor is not None and corridor.any() and is_streak(corridor):
-                whole = parts[i] | parts[j] | corridor
-                rest = [part for k, part in enumerate(parts) if k not in (i, j)]
-                return _joined([whole, *rest], is_streak)
-    return parts
+                del done[k]
+                waiting.insert(0, other | part | corridor)
+                break
+        else:
+            done.append((part, cells))
+    return [*(part for part, _ in done), *short]
+
+
+def _has_direction(cells: Array) -> bool:
+    """Whether a part is elongated along its own axis, and so may be along that of two parts."""
+    return len(cells) > _PARABOLA and _is_elongated((cells - cells.mean(axis=0)) @ _axes(cells).T)
 
 
 def _cells(part: Bools, most: int = 4000) -> Array:
