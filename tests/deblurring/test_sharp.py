@@ -14,7 +14,7 @@ from blurmatte.deblurring.view import View
 from blurmatte.metrics import subframe_psnr
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Camera, Change, Shot, add_noise
-from blurmatte.sweep.model.path import FROM_REST
+from blurmatte.sweep.model.path import BOUNCE, CUBIC, FROM_REST, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 
 from .conftest import NOISE, case, patches
@@ -114,6 +114,21 @@ def test_a_growth_that_the_sweep_lacks_is_found():
     (sweep,) = bm.deblur(image, plate, case().sweep).sweeps
     assert sweep.silhouette.changes
     assert abs(abs(sweep.shape[1]) - np.log(1.1 / 0.9)) < 0.03
+
+
+def test_a_curved_path_that_was_fitted_as_a_bounce_is_found():
+    t = np.linspace(0, 1, 65)
+    curved = PARABOLA.at(np.array([14.0, 28.0, 32.0, 13.0, 50.0, 28.0]), t)[0]
+    truth = bm.render(replace(case().truth.scene, trajectory=bm.Trajectory(curved, t)))
+    image, plate = (
+        LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
+    )
+    bounce = np.array([14.5, 27.0, 32.0, 12.0, 49.5, 27.0, 0.5])
+    covariance = np.diag([0.05**2] * 6 + [0.01**2, 0.05**2])
+    wrong = replace(case().sweep, family=BOUNCE, path=bounce, covariance=covariance)
+    (sweep,) = bm.deblur(image, plate, wrong).sweeps
+    assert sweep.family == CUBIC
+    assert np.abs(sweep.family.at(sweep.path, t)[0] - curved).max() < 0.3
 
 
 @pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")

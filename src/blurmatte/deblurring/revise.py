@@ -13,6 +13,9 @@ compare by their Laplace approximation
 
 with the prior Σ, which is flat between them, and the posterior covariance C. If none explains the
 light, only the path is refined.
+
+The fit may have found another kind of path, such as a bounce for an arc, for alpha hardly differs. If a
+cubic path can increase the evidence decisively more than one of the fitted kind, both are searched for.
 """
 
 from dataclasses import dataclass, replace
@@ -25,6 +28,7 @@ from blurmatte.deblurring.refine import Explained, explained, information_of, re
 from blurmatte.deblurring.view import View
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, scaled_inverse
+from blurmatte.sweep.model.path import CUBIC
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 Array = npt.NDArray[np.float64]
@@ -93,17 +97,58 @@ class _Motion:
         return cls(sweep, evidence, state.fit.noise_scale)
 
 
+@dataclass(frozen=True, eq=False)
+class _Start:
+    """A sweep to search from, the parameters that are held, its log evidence, and an expected one.
+
+    The latter is that of a maximum if the log evidence is quadratic.
+    """
+
+    sweep: Sweep
+    held: list[int]
+    log_evidence: float
+    expected: float
+
+    @classmethod
+    def of(cls, level: _Level, sweep: Sweep) -> "_Start":
+        held = _held(level.view, sweep)
+        state = level.start(_wide(sweep, held, grows=True))
+        information, gradient = information_of(state, state, level.lattice)
+        gain = float(gradient @ scaled_inverse(information) @ gradient) / 2
+        return cls(sweep, held, state.fit.log_evidence, state.fit.log_evidence + gain)
+
+
 def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
     view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius))).for_path()
     coarse, fine = (
         _Level.of(view, max(1, round(sweep.radius / radius))) for radius in RevisionSettings.radii
     )
-    held = _held(view)
-    start = fine.start(_wide(sweep, held, grows=True))
-    information, gradient = information_of(start, start, fine.lattice)
-    if gradient @ scaled_inverse(information) @ gradient / 2 < DECISIVE_LOG_BAYES_FACTOR:
+    known = _Start.of(fine, sweep)
+    least = known.log_evidence + DECISIVE_LOG_BAYES_FACTOR
+    starts = [known] if known.expected >= least else []
+    if sweep.family != CUBIC:
+        smooth = _Start.of(fine, _on_cubic(sweep))
+        if smooth.expected >= max(least, known.expected + DECISIVE_LOG_BAYES_FACTOR):
+            starts.append(smooth)
+    found = [(*_searched(coarse, fine, start), start.sweep) for start in starts]
+    found = [one for one in found if one[0].log_evidence >= least]
+    if not found:
         return sweep
+    best, held, before = max(found, key=lambda one: one[0].log_evidence)
+    wider = np.full(len(best.sweep.covariance), RevisionSettings.kept_information**-0.5)
+    for k in held:
+        wider[k] = np.sqrt(before.covariance[k, k] / best.sweep.covariance[k, k])
+    return replace(
+        best.sweep,
+        covariance=best.sweep.covariance * wider * wider[:, None],
+        diagnostics=Diagnostics(chroma_blur=sweep.diagnostics.chroma_blur),
+    )
+
+
+def _searched(coarse: _Level, fine: _Level, start: _Start) -> tuple[_Motion, list[int]]:
+    """The likeliest motion on a path of the start's family, and the parameters that were held."""
+    sweep, held = start.sweep, start.held
     steady = _wide(sweep, held, grows=False)
     found = _grown([fine], [steady], held)
     if any(_is_far(one.sweep, sweep) for one in found):
@@ -115,16 +160,16 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
         held = list(range(len(sweep.path), len(sweep.covariance)))
         starts = _scaled(_wide(sweep, held, sweep.silhouette.changes))
         best = _refined([coarse, fine], starts)
-    if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
-        return sweep
-    wider = np.full(len(best.sweep.covariance), RevisionSettings.kept_information**-0.5)
-    for k in held:
-        wider[k] = np.sqrt(sweep.covariance[k, k] / best.sweep.covariance[k, k])
-    return replace(
-        best.sweep,
-        covariance=best.sweep.covariance * wider * wider[:, None],
-        diagnostics=Diagnostics(chroma_blur=sweep.diagnostics.chroma_blur),
-    )
+    return best, held
+
+
+def _on_cubic(sweep: Sweep) -> Sweep:
+    """The sweep on the nearest cubic path, whose points are known to a radius."""
+    (path,), n, m = CUBIC.starts(sweep.family.curve(sweep.path)), len(sweep.path), CUBIC.size
+    covariance = np.zeros((m + len(sweep.shape), m + len(sweep.shape)))
+    covariance[:m, :m] = sweep.radius**2 * np.eye(m)
+    covariance[m:, m:] = sweep.covariance[n:, n:]
+    return replace(sweep, family=CUBIC, path=path, covariance=covariance)
 
 
 def _grown(levels: list[_Level], starts: list[Sweep], held: list[int]) -> list[_Motion]:
@@ -165,13 +210,12 @@ def _scaled(sweep: Sweep) -> list[Sweep]:
     return found
 
 
-def _held(view: View) -> list[int]:
+def _held(view: View, sweep: Sweep) -> list[int]:
     """Indices of the parameters that the fit knows better than light of any color in coarse pictures.
 
     The blur of the rim; and the radius, if the fit knows the colors or the file blurs them: at the rim
     light of any color may be that of the plate.
     """
-    sweep = view.sweep
     soft = [-1] if sweep.silhouette.soft else []
     return soft if sweep.model.rank == 3 and view.stored is None else [len(sweep.path), *soft]
 
