@@ -407,3 +407,15 @@ def test_edit_refuses_what_is_no_layer(scene, tmp_path):
     own = "--image", scene / "image.png"
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *own, *out))
     assert "no file matches" in complaint(run("edit", scene / "n.####.exr", *own, *out))
+
+
+@pytest.mark.parametrize("name", ["edit", "remove"])
+def test_a_guessed_curve_is_warned_of_once(scene, tmp_path, name):
+    for picture in ("image", "plate"):
+        Image.fromarray(codes(scene / f"{picture}.png").astype(np.uint8)).save(
+            tmp_path / f"{picture}.png"
+        )
+    files = ("--image", tmp_path / "image.png", "--plate", tmp_path / "plate.png")
+    change = ("--fade", "0.5") if name == "edit" else ("--match", "none")
+    done = run(name, scene / "layer.exr", *files, *change, "--out", tmp_path / "o.png")
+    assert done.stderr.count("the file has no") == 1, done.output
