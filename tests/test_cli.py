@@ -46,9 +46,9 @@ def scene(tmp_path_factory):
 
 def pictures_of_ball(folder, size, start, end, radius, tile):
     """The folder, with image, plate and mask of an orange ball that moves straight."""
-    body = bm.Ball(radius, np.array([0.9, 0.45, 0.05]), ambient=0.6)
+    body = bm.rendering.Ball(radius, np.array([0.9, 0.45, 0.05]), ambient=0.6)
     path, plate = bm.Trajectory.line(start, end), colorful_plate(size, rng=2, tile=tile)
-    truth = bm.render(bm.Scene(plate, path, body))
+    truth = bm.rendering.render(bm.rendering.Scene(plate, path, body))
     rng = np.random.default_rng(5)
     for name, picture in (("image", truth.image), ("plate", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
@@ -430,7 +430,7 @@ def test_compose_puts_the_layer_over_a_background(scene, tmp_path):
     assert not target.exists()
     good("compose", tmp_path / "layer.exr", "--over", sea, "--out", target, "--fit", "cover")
     layer = bm.read_layer(tmp_path / "layer.exr")
-    expected = layer.over(bm.cover(bm.read(sea), layer.size))
+    expected = layer.over(bm.compositing.cover(bm.read(sea), layer.size))
     assert np.allclose(bm.read(target).rgb, expected.rgb, atol=1e-4)
     same = tmp_path / "same.exr"
     good("compose", tmp_path / "layer.png", "--over", scene / "plate.png", "--out", same)
@@ -697,8 +697,13 @@ def test_rejects_pictures_of_one_pixel(tmp_path):
 
 
 def test_warns_of_swapped_pictures(tmp_path):
-    path, body = bm.Trajectory.line((44, 34), (84, 40)), bm.Ball(14, np.array([0.9, 0.45, 0.05]))
-    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body))
+    path, body = (
+        bm.Trajectory.line((44, 34), (84, 40)),
+        bm.rendering.Ball(14, np.array([0.9, 0.45, 0.05])),
+    )
+    truth = bm.rendering.render(
+        bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body)
+    )
     rng = np.random.default_rng(0)
     for name, picture in (("plate", truth.image), ("image", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
@@ -923,7 +928,7 @@ def test_render_numbers_the_frames_of_a_clip(tmp_path):
 
 def test_render_lists_its_scenes():
     lines = good("render", "--list").stdout.splitlines()
-    assert len(lines) == len(bm.scene_names())
+    assert len(lines) == len(bm.scenes.scene_names())
     assert any(line.startswith("easy ") and "orange ball" in line for line in lines)
 
 
@@ -978,7 +983,7 @@ def test_scene_without_a_result_counts_as_a_miss(rendered, tmp_path):
 def test_scores_are_a_table(rendered, tmp_path):
     """Exact: one row for each scene, with its name."""
     truth, out = rendered / "scenes", tmp_path / "scores.csv"
-    (place, *_) = bm.find_scenes(truth)
+    (place, *_) = bm.scenes.find_scenes(truth)
     result = run("score", place / "truth/layer.exr", "--truth", place, "--out", out)
     assert result.exit_code == 0, result.stderr
     names, values = (line.split(",") for line in out.read_text().splitlines())

@@ -60,7 +60,7 @@ CALLS = sorted({call for call in documented() if not any(word in call for word i
 
 def seen(light, seed):
     """What a camera with noise records of linear light (H, W, 3)."""
-    return bm.Camera(NOISE, bits=16).photograph(light, seed)
+    return bm.rendering.Camera(NOISE, bits=16).photograph(light, seed)
 
 
 def ball_on(plate, start, end, radius):

@@ -36,11 +36,13 @@ def table(heading):
 def pictures(tmp_path_factory):
     """A folder with all files that the examples read."""
     folder = tmp_path_factory.mktemp("readme")
-    ball = bm.Ball(12, 0.9 * bm.ColorModel.from_hex("#ffc032").rgb[0], ambient=0.6)
+    ball = bm.rendering.Ball(12, 0.9 * bm.ColorModel.from_hex("#ffc032").rgb[0], ambient=0.6)
     path = bm.Trajectory.line((30, 34), (90, 46))
-    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, ball))
+    truth = bm.rendering.render(
+        bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=18), path, ball)
+    )
     throw, empty_room = (
-        bm.Camera(NOISE, bits=16).photograph(picture.rgb, seed)
+        bm.rendering.Camera(NOISE, bits=16).photograph(picture.rgb, seed)
         for seed, picture in enumerate((truth.image, truth.plate))
     )
     bm.write(folder / "throw.png", throw)
@@ -49,7 +51,7 @@ def pictures(tmp_path_factory):
         bm.write(folder / f"{name}.jpg", picture)
     bm.write_frames(folder / "frames" / "ball.####.exr", [truth.layer.fade(f) for f in (0.5, 1)])
     for k in range(8):
-        still = bm.Camera(NOISE, bits=16).photograph(truth.plate.rgb, 2 + k)
+        still = bm.rendering.Camera(NOISE, bits=16).photograph(truth.plate.rgb, 2 + k)
         bm.write(folder / f"still_{k}.png", still)
     for k in range(5):  # files as cameras write them: 8 bits, and the exposure time
         light = truth.plate.rgb * 2.0 ** (k - 2)
@@ -73,7 +75,7 @@ def test_ten_lines_write_what_solve_writes(pictures, monkeypatch, capsys):
     assert sorted(path.name for path in Path("out").iterdir()) == sorted(table("file in"))
 
 
-@pytest.mark.filterwarnings("ignore::blurmatte.TransferWarning")
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 def test_single_steps_run(pictures, monkeypatch, capsys):
     monkeypatch.chdir(pictures)
     exec(EXAMPLES[0], {})
@@ -143,13 +145,13 @@ def test_motion_example_runs(pictures, monkeypatch, capsys):
 def test_fall_example_runs(pictures, monkeypatch, capsys):
     monkeypatch.chdir(pictures)
     plate = bm.read("empty_room.png", bm.SRGB)
-    ball = bm.Ball(7, 0.9 * bm.ColorModel.from_hex("#d8ff3c").rgb[0], ambient=0.6)
+    ball = bm.rendering.Ball(7, 0.9 * bm.ColorModel.from_hex("#d8ff3c").rgb[0], ambient=0.6)
     lights = []
     for k in range(5):
         path = bm.Trajectory.parabola(
             (15 + 20 * k, 50 - 18 * k + 4 * k**2), (12, 8 * k - 14), (0, 5)
         )
-        lights.append(bm.render(bm.Scene(plate.rgb, path, ball)).image.rgb)
+        lights.append(bm.rendering.render(bm.rendering.Scene(plate.rgb, path, ball)).image.rgb)
     save_clip("rally.mp4", lights)
     bm.write("plate.exr", plate)
     names = {}

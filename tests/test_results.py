@@ -31,9 +31,11 @@ NAMES = [
 def solved():
     """An image with one clipped pixel in the streak, its plate, and its solution."""
     rng = np.random.default_rng(1)
-    body = bm.Ball(9, np.array([0.9, 0.45, 0.05]))
+    body = bm.rendering.Ball(9, np.array([0.9, 0.45, 0.05]))
     path = bm.Trajectory.line((30, 30), (60, 36))
-    truth = bm.render(bm.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body))
+    truth = bm.rendering.render(
+        bm.rendering.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body)
+    )
     image, plate = (
         bm.LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE)
         for p in (truth.image, truth.plate)
@@ -115,11 +117,11 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
     monkeypatch.setattr(Sheet, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
     model = bm.ColorModel.from_hex(*axes)
     light = np.array([0.8, 0.8, 0.7]) if model.rank == 2 else 0.3 * model.rgb[0]
-    truth = bm.render(
-        bm.Scene(
+    truth = bm.rendering.render(
+        bm.rendering.Scene(
             colorful_plate((96, 64), rng=2, tile=20),
             bm.Trajectory.line((30, 30), (60, 36)),
-            bm.Ball(9, light),
+            bm.rendering.Ball(9, light),
         )
     )
     images = [replace(p, noise=NOISE) for p in (truth.image, truth.plate)]
@@ -140,7 +142,7 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
 
 def test_a_layer_of_no_alpha_has_no_mean_color():
     """Exact"""
-    maps = bm.PixelMaps.zeros(4, 5)
+    maps = bm.matting.PixelMaps.zeros(4, 5)
     assert mean_light(maps) is None
     maps.alpha[1, 2], maps.premultiplied[1, 2] = 0.5, (0.5, 0.25, 0.1)
     np.testing.assert_allclose(mean_light(maps), (1, 0.5, 0.2), rtol=1e-6)

@@ -53,7 +53,9 @@ def ball_before(plate: np.ndarray, step: int) -> tuple[tuple[slice, slice], np.n
     far = np.ceil(end + 2 * radius + 8).astype(int)
     box = slice(corner[1], far[1]), slice(corner[0], far[0])
     path = bm.Trajectory.line(tuple(start - corner), tuple(end - corner))
-    return box, bm.render(bm.Scene(plate[box], path, bm.Ball(radius, COLOR))).image.rgb
+    return box, bm.rendering.render(
+        bm.rendering.Scene(plate[box], path, bm.rendering.Ball(radius, COLOR))
+    ).image.rgb
 
 
 def cpu_seconds(job: Callable[[], object]) -> float:
@@ -80,11 +82,11 @@ def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     rows = [(name, min(each[name] for each in times), float(count)) for name in steps]
     rows.append(("plate, of each clip", plate_seconds, 1.0))
     model = color_in_scene(clip, scene, alone)
-    seen: list[bm.FrameSightings] = []
+    seen: list[bm.motion.FrameSightings] = []
     new = sightings_in_scene(clip, scene, model, alone, several=False, numbers=range(count))
     rows.append(("table, all frames", cpu_seconds(lambda: seen.extend(new)), float(count)))
     solver = FrameSolver.of(clip, scene, model)
-    wanted = wanted_frames(clip, bm.link_sightings(seen), solver, range(count), alone)
+    wanted = wanted_frames(clip, bm.motion.link_sightings(seen), solver, range(count), alone)
     solver(clip[wanted[0].index : wanted[0].index + 1], wanted[0])
     few = wanted[1 : solved + 1]
     seconds = cpu_seconds(lambda: [solver(clip[one.index : one.index + 1], one) for one in few])

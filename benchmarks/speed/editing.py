@@ -32,14 +32,16 @@ print(*(line.split()[1] for line in lines if line.startswith("VmHWM")), file=sys
 """
 
 
-def scene(size: tuple[int, int]) -> bm.Rendering:
+def scene(size: tuple[int, int]) -> bm.rendering.Rendering:
     """A ball's arc before tiles of all hues, in the middle of the picture."""
     width, height = size
     path = bm.Trajectory.arc(
         (0.25 * width, 0.7 * height), (0.5 * width, 0.4 * height), (0.78 * width, 0.33 * height)
     )
-    ball = bm.Ball(0.05 * height, np.array([0.9, 0.45, 0.05]))
-    return bm.render(bm.Scene(colorful_plate(size, 3, tile=height / 7), path, ball))
+    ball = bm.rendering.Ball(0.05 * height, np.array([0.9, 0.45, 0.05]))
+    return bm.rendering.render(
+        bm.rendering.Scene(colorful_plate(size, 3, tile=height / 7), path, ball)
+    )
 
 
 def codes(light: np.ndarray, rng: np.random.Generator) -> np.ndarray:

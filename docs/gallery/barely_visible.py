@@ -19,17 +19,17 @@ from figure import color_of, gray, save, shown
 
 # **A scene with a known answer.** Alpha reaches 0.1. The camera has 8 bits and noise of half a code
 # value, the plate is the median of nine pictures.
-shot = bm.Shot(
-    bm.Scene(
+shot = bm.rendering.Shot(
+    bm.rendering.Scene(
         colorful_plate((340, 200), 10, tile=60),
         bm.Trajectory.arc((40, 150), (160, 70), (295, 45)),
-        bm.Ball(15, np.array([0.85, 0.32, 0.04]), ambient=0.3),
+        bm.rendering.Ball(15, np.array([0.85, 0.32, 0.04]), ambient=0.3),
     ),
-    bm.Camera(code_std=0.5 / 255),
+    bm.rendering.Camera(code_std=0.5 / 255),
     plate_frames=9,
     seed=1,
 )
-rendering = bm.render(shot.scene)
+rendering = bm.rendering.render(shot.scene)
 image, plate = shot.photograph(rendering)
 
 # **Ordinary background subtraction,** with the largest contrast.

@@ -20,17 +20,17 @@ from figure import color_of, gray, save, shown
 # **A ball under a lamp,** thrown in front of a dark wall.
 size = (330, 210)
 plate_light = 0.55 * colorful_plate(size, 3, tile=55)
-shot = bm.Shot(
-    bm.Scene(
+shot = bm.rendering.Shot(
+    bm.rendering.Scene(
         plate_light,
         bm.Trajectory.parabola((45, 60), (230, -40), (20, 190)),
-        bm.Ball(14, np.array([0.9, 0.42, 0.05]), ambient=0.25),
+        bm.rendering.Ball(14, np.array([0.9, 0.42, 0.05]), ambient=0.25),
     ),
-    bm.Camera(code_std=1 / 255),
+    bm.rendering.Camera(code_std=1 / 255),
     plate_frames=5,
     seed=2,
 )
-rendering = bm.render(shot.scene)
+rendering = bm.rendering.render(shot.scene)
 image, plate = shot.photograph(rendering)
 solution = bm.solve(image, plate)
 layer = solution.layer

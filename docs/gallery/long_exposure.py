@@ -23,12 +23,16 @@ size = (340, 215)
 t = np.linspace(0, 1, 401)
 fall = np.abs(np.cos(2.1 * np.pi * t)) * (1 - 0.45 * t)  # bounces that become lower
 path = bm.Trajectory(np.stack([26 + 290 * t, 185 - 150 * fall], axis=-1), t)
-scene = bm.Scene(
-    colorful_plate(size, 8, tile=54), path, bm.Ball(11, np.array([0.85, 0.75, 0.05]), ambient=0.3)
+scene = bm.rendering.Scene(
+    colorful_plate(size, 8, tile=54),
+    path,
+    bm.rendering.Ball(11, np.array([0.85, 0.75, 0.05]), ambient=0.3),
 )
-frames = [bm.render(part) for part in scene.exposures(8, 0.7)]
+frames = [bm.rendering.render(part) for part in scene.exposures(8, 0.7)]
 photographed = [
-    bm.Shot(scene, bm.Camera(code_std=1 / 255), plate_frames=5, seed=n).photograph(frame)
+    bm.rendering.Shot(
+        scene, bm.rendering.Camera(code_std=1 / 255), plate_frames=5, seed=n
+    ).photograph(frame)
     for n, frame in enumerate(frames)
 ]
 plate = photographed[0][1]
@@ -40,7 +44,7 @@ print(f"{model.hex[0]}, {len(layers)} frames")
 
 # **All layers over the plate,** and as one exposure as long as the clip.
 together = bm.stack(layers)
-long = bm.long_exposure(layers)
+long = bm.compositing.long_exposure(layers)
 save(
     __file__,
     [

@@ -32,7 +32,7 @@ objects = [
     ),
     (Sheet(44, 44, PINK), Change((0.2, 0.5, 0.1), (0.6, 0.9, 0.5)), ((90, 60), (210, 105)), [PINK]),
     (
-        bm.Ball(34, BROWN, second_color=CREAM, ambient=0.5),
+        bm.rendering.Ball(34, BROWN, second_color=CREAM, ambient=0.5),
         Change(spin=(0.6, 0.3, 1.2)),
         ((105, 90), (190, 80)),
         [BROWN, CREAM],
@@ -41,9 +41,11 @@ objects = [
 pictures = []
 for seed, (body, change, (start, end), paints) in enumerate(objects):
     plate = colorful_plate(SIZE, 30 + seed, tile=45)
-    scene = bm.Scene(plate, bm.Trajectory.line(start, end), body, change=change)
-    rendering = bm.render(scene)
-    shot = bm.Shot(scene, bm.Camera(code_std=1 / 255), plate_frames=5, seed=seed)
+    scene = bm.rendering.Scene(plate, bm.Trajectory.line(start, end), body, change=change)
+    rendering = bm.rendering.render(scene)
+    shot = bm.rendering.Shot(
+        scene, bm.rendering.Camera(code_std=1 / 255), plate_frames=5, seed=seed
+    )
     image, behind = shot.photograph(rendering)
 
     # **The line or plane of its colors,** and alpha and color of every pixel.

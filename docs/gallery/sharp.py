@@ -20,17 +20,17 @@ from figure import gray, save, shown
 # **The picture:** 8 bits with noise of one code value, and a plate of five frames.
 paint = np.random.default_rng(4).uniform(0.08, 0.95, (6, 12, 3))
 texture = np.repeat(np.repeat(paint, 24, axis=0), 24, axis=1)
-shot = bm.Shot(
-    bm.Scene(
+shot = bm.rendering.Shot(
+    bm.rendering.Scene(
         0.55 * colorful_plate((250, 160), 3, tile=55),
         bm.Trajectory.arc((65, 104), (122, 62), (184, 66)),
-        bm.Ball(32, texture=texture, ambient=0.6),
+        bm.rendering.Ball(32, texture=texture, ambient=0.6),
     ),
-    bm.Camera(code_std=1 / 255),
+    bm.rendering.Camera(code_std=1 / 255),
     plate_frames=5,
     seed=4,
 )
-truth = bm.render(shot.scene)
+truth = bm.rendering.render(shot.scene)
 image, plate = shot.photograph(truth)
 
 # **Its sweep and the sharp ball.**

@@ -24,24 +24,24 @@ RED, BLUE = np.array([0.75, 0.10, 0.06]), np.array([0.08, 0.22, 0.80])
 
 # **A cube with three red and three blue faces,** a picture without noise, as in the paper.
 cube = Cube(92, np.array([RED, BLUE, BLUE, RED, RED, BLUE]), ambient=0.5)
-scene = bm.Scene(
+scene = bm.rendering.Scene(
     colorful_plate(SIZE, 4, tile=42),
     bm.Trajectory.line((128, 116), (192, 100)),
     cube,
     change=Change(turned=(0.5, 0.6, 0.1), spin=(0.15, 0.35, 0.2)),
 )
-still = bm.render(
+still = bm.rendering.render(
     replace(
         scene, trajectory=bm.Trajectory.line((160, 108), (160, 108)), change=Change((0.5, 0.6, 0.1))
     )
 )
-moving = bm.render(scene)
+moving = bm.rendering.render(scene)
 
 # **The plane of colors from the core,** where the plate's texture is invisible; then each pixel alone.
 little = bm.NoiseModel(read_std=1e-6)
 image, plate = moving.image.with_noise(little), moving.plate.with_noise(little)
 streak = bm.Streak(moving.layer.alpha > 0)
-model = bm.ColorModel.from_samples(bm.core_colors(image, plate, streak), rank=2, robust=True)
+model = bm.ColorModel.from_samples(bm.color.core_colors(image, plate, streak), rank=2, robust=True)
 solution = bm.solve(image, plate, model, bm.Pixelwise(), streak=streak)
 known = solution.known & solution.streak
 error = np.abs(solution.alpha - moving.layer.alpha)[known]
@@ -49,7 +49,7 @@ print(f"{' + '.join(model.hex)}, alpha off by {np.median(error):.1e}, at most {e
 
 # **Over another background, and paint by paint.**
 other = bm.LinearImage(colorful_plate(SIZE, 21, tile=16))
-exposures = bm.split_exposure(solution, RED, BLUE)
+exposures = bm.compositing.split_exposure(solution, RED, BLUE)
 save(
     __file__,
     [

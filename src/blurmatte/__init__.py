@@ -1,7 +1,8 @@
 """blurmatte: alpha and color of motion-blurred objects over a known background.
 
 Linear light in, linear light out; see the docstring of each name. The stub `__init__.pyi` lists the
-public names. Each is imported when it is first used, so that `import blurmatte` is fast.
+public names, and the packages with further ones, such as `blurmatte.motion.fit_fall`. Each is imported
+when it is first used, so that `import blurmatte` is fast.
 """
 
 import re
@@ -22,9 +23,11 @@ __all__ = sorted(_PACKAGES)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, imported from its package."""
+    """A public name, imported from its package, or such a package."""
     if name not in _PACKAGES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if _PACKAGES[name] == __name__:
+        return import_module(f"{__name__}.{name}")
     value = globals()[name] = getattr(import_module(_PACKAGES[name]), name)
     return value
 
@@ -37,7 +40,7 @@ class _Package(ModuleType):
     """Keeps a public name when the import system binds a subpackage of the same name."""
 
     def __setattr__(self, name: str, value: object) -> None:
-        if name not in _PACKAGES or not isinstance(value, ModuleType):
+        if _PACKAGES.get(name, __name__) == __name__ or not isinstance(value, ModuleType):
             super().__setattr__(name, value)
 
 

@@ -150,7 +150,12 @@ def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> li
     FileError
         If they cannot be written. What was there before stays as it was.
     """
-    check_kind("exposures", exposures, Exposures, "use blurmatte.split_exposure(solution, *paints)")
+    check_kind(
+        "exposures",
+        exposures,
+        Exposures,
+        "use blurmatte.compositing.split_exposure(solution, *paints)",
+    )
     maps = np.stack([exposures.fraction, exposures.fraction_std], axis=-1)
     maps = maps.reshape(*maps.shape[:2], -1)  # of each paint, then its error
     files = exposure_files(Path(folder), exposures.fraction.shape[-1])

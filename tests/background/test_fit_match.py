@@ -17,8 +17,10 @@ def scene(seed=0, plate=colorful_plate):
     """Exact image and plate; a ball moves over 6 % of the picture."""
     rng = np.random.default_rng(seed)
     light = plate(SIZE, rng) if plate is colorful_plate else plate(SIZE, np.full(3, 0.4), rng)
-    ball = bm.Ball(16, np.array([0.9, 0.5, 0.1]))
-    return bm.render(bm.Scene(light, bm.Trajectory.line((60, 60), (130, 110)), ball))
+    ball = bm.rendering.Ball(16, np.array([0.9, 0.5, 0.1]))
+    return bm.rendering.render(
+        bm.rendering.Scene(light, bm.Trajectory.line((60, 60), (130, 110)), ball)
+    )
 
 
 def photographed(rendering, drift, seed, std=0.005):
@@ -33,7 +35,7 @@ RENDERING = scene()
 def test_recovers_shift_and_gain():
     """honest: within 0.02 px and 0.2 %, with a streak over 6 % of the picture."""
     image, plate = photographed(RENDERING, Drift(shift=(1.37, -2.28), gain=(1.15,) * 3), 1)
-    match = bm.fit_match(image, plate)
+    match = bm.background.fit_match(image, plate)
     assert np.allclose(match.shift, (1.37, -2.28), atol=0.02)
     assert np.allclose(match.gain, 1 / 1.15, rtol=0.002)
     center = np.array([(SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2, 1])
@@ -54,7 +56,7 @@ def test_shift_agrees_with_enhanced_correlation():
     start = np.eye(2, 3, dtype=np.float32)
     stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
     _, found = cv2.findTransformECC(*gray, start, cv2.MOTION_TRANSLATION, stop, still, 5)
-    assert np.allclose(bm.fit_match(image, plate).shift, found[:, 2], atol=0.05)
+    assert np.allclose(bm.background.fit_match(image, plate).shift, found[:, 2], atol=0.05)
 
 
 def test_returns_identity_for_matching_plate():
@@ -68,9 +70,11 @@ def test_returns_identity_for_matching_plate():
 def test_large_object_does_not_change_light():
     """invariant: an object that covers a third of a plain picture."""
     rng = np.random.default_rng(5)
-    ball = bm.Ball(48, np.array([0.2, 0.2, 0.2]))
+    ball = bm.rendering.Ball(48, np.array([0.2, 0.2, 0.2]))
     path = bm.Trajectory.line((90, 80), (150, 100))
-    rendering = bm.render(bm.Scene(plain_plate(SIZE, np.full(3, 0.5), rng), path, ball))
+    rendering = bm.rendering.render(
+        bm.rendering.Scene(plain_plate(SIZE, np.full(3, 0.5), rng), path, ball)
+    )
     assert np.mean(rendering.layer.alpha > 0) > 0.25
     image, plate = photographed(rendering, Drift(), 1)
     assert bm.match_plate(plate, image) is plate
@@ -78,18 +82,20 @@ def test_large_object_does_not_change_light():
 
 def test_keeps_light_of_plain_wall():
     """invariant: a small gain and an offset would remove the noise of an even wall."""
-    ball = bm.Ball(16, np.array([0.9, 0.5, 0.1]))
+    ball = bm.rendering.Ball(16, np.array([0.9, 0.5, 0.1]))
     wall = np.broadcast_to(np.array([0.3, 0.38, 0.35]), (SIZE[1], SIZE[0], 3)).copy()
-    truth = bm.render(bm.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball))
+    truth = bm.rendering.render(
+        bm.rendering.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball)
+    )
     for seed in range(3):
         image, plate = photographed(truth, Drift(), seed, 0.01)
-        assert np.allclose(bm.fit_match(image, plate).gain, 1, atol=0.01)
+        assert np.allclose(bm.background.fit_match(image, plate).gain, 1, atol=0.01)
 
 
 def test_recovers_rotation():
     drift = Drift(shift=(1.0, 2.0), rotation=0.008)
     image, plate = photographed(RENDERING, drift, 4)
-    match = bm.fit_match(image, plate)
+    match = bm.background.fit_match(image, plate)
     assert match.angle == pytest.approx(0.008, abs=2e-4)
     assert np.allclose(match.shift, (1, 2), atol=0.02)
     known = match.apply(bm.LinearImage(drift.apply(RENDERING.plate.rgb)))
@@ -105,7 +111,7 @@ def test_recovers_light_field():
     image, plate = photographed(RENDERING, Drift(), 5)
     x = np.linspace(-1, 1, SIZE[0])[None, :, None]
     plate = replace(plate, rgb=plate.rgb * (1 + 0.1 * x))
-    match = bm.fit_match(image, plate)
+    match = bm.background.fit_match(image, plate)
     assert match.light[2:].any()
     flat = match.apply(plate).rgb / RENDERING.plate.rgb
     assert np.abs(np.median(flat, axis=(0, 2)) - 1).max() < 0.01
@@ -114,13 +120,13 @@ def test_recovers_light_field():
 def test_matching_restricts_the_model():
     """invariant"""
     image, plate = photographed(RENDERING, Drift(shift=(1.4, 0.5), gain=(1.05, 1.0, 0.95)), 6)
-    fits = {m: bm.fit_match(image, plate, m) for m in bm.Matching}
-    assert fits[bm.Matching.NONE].apply(plate) is plate
-    assert not fits[bm.Matching.EXPOSURE].moves
-    assert fits[bm.Matching.EXPOSURE].changes_light
-    assert fits[bm.Matching.SHIFT].moves
-    assert not fits[bm.Matching.SHIFT].h[[0, 1, 3, 4, 6, 7]].any()
-    assert fits[bm.Matching.FULL].h.all()
+    fits = {m: bm.background.fit_match(image, plate, m) for m in bm.background.Matching}
+    assert fits[bm.background.Matching.NONE].apply(plate) is plate
+    assert not fits[bm.background.Matching.EXPOSURE].moves
+    assert fits[bm.background.Matching.EXPOSURE].changes_light
+    assert fits[bm.background.Matching.SHIFT].moves
+    assert not fits[bm.background.Matching.SHIFT].h[[0, 1, 3, 4, 6, 7]].any()
+    assert fits[bm.background.Matching.FULL].h.all()
 
 
 def test_standard_deviations_are_calibrated():
@@ -129,7 +135,9 @@ def test_standard_deviations_are_calibrated():
     z = []
     for seed in range(12):
         drift = Drift(shift=tuple(truth[0]), gain=tuple(1 / truth[1]))
-        match = bm.fit_match(*photographed(RENDERING, drift, 10 + seed), bm.Matching.SHIFT)
+        match = bm.background.fit_match(
+            *photographed(RENDERING, drift, 10 + seed), bm.background.Matching.SHIFT
+        )
         z += list((match.shift - truth[0]) / match.shift_std)
         z += list((match.gain - truth[1]) / match.light_std[0])
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
@@ -140,7 +148,7 @@ def test_matched_plate_has_variance_of_its_noise():
     drift = Drift(shift=(0.5, 0.5))
     truth = bm.LinearImage(drift.apply(RENDERING.plate.rgb))
     image, plate = photographed(RENDERING, drift, 7)
-    match = bm.fit_match(image, plate, bm.Matching.SHIFT)
+    match = bm.background.fit_match(image, plate, bm.background.Matching.SHIFT)
     off = (match.apply(plate).rgb - match.apply(truth).rgb)[8:-8, 8:-8]
     variance = match.apply(plate).variance[8:-8, 8:-8]
     assert np.mean(off**2 / variance) == pytest.approx(1, rel=0.05)
@@ -160,8 +168,8 @@ def test_solve_matches_by_default():
         for picture in photographed(RENDERING, Drift(shift=(1.2, -0.6), gain=(1.06,) * 3), 9, 0.002)
     )
     model = bm.ColorModel.from_samples(np.array([[0.9, 0.5, 0.1]]), std=1e-4)
-    with pytest.warns(bm.PlateWarning, match="brightness differs"):
-        plain = bm.solve(image, plate, model, bm.Pixelwise(), matching=bm.Matching.NONE)
+    with pytest.warns(bm.errors.PlateWarning, match="brightness differs"):
+        plain = bm.solve(image, plate, model, bm.Pixelwise(), matching=bm.background.Matching.NONE)
     matched = bm.solve(image, plate, model, bm.Pixelwise())
     assert np.allclose(matched.stats["match"]["shift"], (1.2, -0.6), atol=0.02)
     inside = RENDERING.layer.alpha > 0
@@ -175,22 +183,22 @@ def test_solve_matches_by_default():
 def test_rejects_changed_light_and_other_sizes():
     """door"""
     image, plate = photographed(RENDERING, Drift(), 1)
-    with pytest.raises(bm.PlateError, match="light changed too much: the image is 5"):
-        bm.fit_match(image, replace(plate, rgb=plate.rgb / 5))
+    with pytest.raises(bm.errors.PlateError, match="light changed too much: the image is 5"):
+        bm.background.fit_match(image, replace(plate, rgb=plate.rgb / 5))
     with pytest.raises(ValueError, match="plate is 240x180 pixels and the match 100x50"):
-        bm.Match.nothing((100, 50)).apply(plate)
+        bm.background.Match.nothing((100, 50)).apply(plate)
     with pytest.raises(ValueError, match="image is 100x50"):
-        bm.fit_match(image.crop((0, 0, 100, 50)), plate)
+        bm.background.fit_match(image.crop((0, 0, 100, 50)), plate)
     with pytest.raises(ValueError, match="h must have the shape"):
-        bm.Match((2, 2), *(np.zeros(3),) * 4)
+        bm.background.Match((2, 2), *(np.zeros(3),) * 4)
 
 
 def test_rejects_another_scene():
     """door: no homography maps one to the other."""
     image, _ = photographed(RENDERING, Drift(), 1)
     _, plate = photographed(scene(7), Drift(), 1)
-    with pytest.raises(bm.PlateError, match="do not show the same scene"):
-        bm.fit_match(image, plate)
+    with pytest.raises(bm.errors.PlateError, match="do not show the same scene"):
+        bm.background.fit_match(image, plate)
 
 
 def test_returns_identity_for_small_pictures():
@@ -205,7 +213,7 @@ def test_matches_without_known_noise():
     """invariant: unknown noise stays unknown."""
     image, plate = photographed(RENDERING, Drift(shift=(0.8, 0.0)), 3)
     unknown = [picture.with_noise(None) for picture in (image, plate)]
-    match = bm.fit_match(*unknown)
+    match = bm.background.fit_match(*unknown)
     assert match.shift[0] == pytest.approx(0.8, abs=0.02)
     assert match.apply(unknown[1]).noise is None
     with_noise(unknown[0], match.apply(unknown[1]))
@@ -233,7 +241,7 @@ def test_describes_bands_of_lamps(period, amplitude, axis):
     """exact: the ratio of two sines, whose amplitude per channel and period are known."""
     waves = [(period, amplitude, 0.3), (period, amplitude, 2.2)]
     image, plate = banded(RENDERING, waves, 5, axis=axis)
-    match = bm.fit_match(image, plate, bm.Matching.EXPOSURE)
+    match = bm.background.fit_match(image, plate, bm.background.Matching.EXPOSURE)
     assert f"in bands of {period} {('rows', 'columns')[axis]}" in match.in_words
     position = np.arange(image.rgb.shape[axis])[:, None]
     ratio = [1 + np.sin(2 * np.pi * position / period + w[2]) * np.array(w[1]) for w in waves]
@@ -245,7 +253,7 @@ def test_describes_bands_of_lamps(period, amplitude, axis):
 @pytest.mark.battery
 def test_bands_before_a_plain_wall_are_no_motion():
     image, plate = banded(scene(3, plain_plate), [(50, 0.1, 0.0), (50, 0.1, 2.0)], 1)
-    match = bm.fit_match(image, plate)
+    match = bm.background.fit_match(image, plate)
     assert match.bands is not None
     assert not match.moves
 
@@ -254,7 +262,9 @@ def test_bands_before_a_plain_wall_are_no_motion():
 def test_streak_across_the_picture_is_no_band():
     """invariant: it changes some rows only, but most of their pixels."""
     light = colorful_plate(SIZE, np.random.default_rng(7))
-    ball = bm.Ball(18, np.array([0.9, 0.5, 0.1]))
-    rendering = bm.render(bm.Scene(light, bm.Trajectory.line((20, 90), (220, 90)), ball))
+    ball = bm.rendering.Ball(18, np.array([0.9, 0.5, 0.1]))
+    rendering = bm.rendering.render(
+        bm.rendering.Scene(light, bm.Trajectory.line((20, 90), (220, 90)), ball)
+    )
     image, plate = photographed(rendering, Drift(), 1)
     assert bm.match_plate(plate, image) is plate

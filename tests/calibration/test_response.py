@@ -42,8 +42,8 @@ def filmic(v):
 
 
 CURVES = {
-    "gamma1": bm.gamma(1).decode,
-    "gamma2.2": bm.gamma(2.2).decode,
+    "gamma1": bm.radiometry.gamma(1).decode,
+    "gamma2.2": bm.radiometry.gamma(2.2).decode,
     "rec709": bm.REC709.decode,
     "srgb": bm.SRGB.decode,
     "smooth_s": smooth_s,
@@ -80,7 +80,7 @@ def as_read(codes, time=None, gray=False):
 def test_five_exposures_give_the_curve_to_a_hundredth(name):
     """Oracle: the curve of the pictures; the shoulder of film is less certain, with larger errors."""
     rng = np.random.default_rng(3)
-    fit = bm.fit_response(shoot(scene(rng), CURVES[name], FIVE, rng, gray=True))
+    fit = bm.calibration.fit_response(shoot(scene(rng), CURVES[name], FIVE, rng, gray=True))
     error = np.abs(fit.transfer.decode(V) - CURVES[name](V))
     assert error.max() < (0.02 if name == "filmic" else 0.01)
     assert_allclose(255 * fit.noise, 1.53, atol=0.06)  # with rounding
@@ -94,7 +94,7 @@ def errors(times, seed, time_std):
     decode = CURVES[("gamma2.2", "srgb", "smooth_s", "filmic")[seed % 4]]
     true = tuple(np.array(times) * np.exp(rng.normal(0, time_std, len(times))))
     pictures = shoot(scene(rng), decode, true, rng, declared=times, gray=True)
-    fit = bm.fit_response(pictures, time_std=time_std)
+    fit = bm.calibration.fit_response(pictures, time_std=time_std)
     return fit.transfer.decode(V[:-1]) - decode(V[:-1]), fit.std[:-1]
 
 
@@ -113,7 +113,7 @@ def test_fewer_pictures_and_uncertain_times_increase_errors():
     rng = np.random.default_rng(0)
     five = shoot(scene(rng), bm.SRGB.decode, FIVE, rng, gray=True)
     stds = [
-        bm.fit_response(some, time_std=time_std).std.max()
+        bm.calibration.fit_response(some, time_std=time_std).std.max()
         for some, time_std in [(five, 0.02), (five[2:4], 0.02), (five[2:4], 0.05)]
     ]
     assert np.all(np.diff(stds) > 0)
@@ -124,7 +124,9 @@ def test_nominal_times_are_corrected():
     rng = np.random.default_rng(1)
     nominal = (1 / 250, 1 / 125, 1 / 60, 1 / 30, 1 / 15)
     true = (1 / 256, 1 / 128, 1 / 64, 1 / 32, 1 / 16)
-    fit = bm.fit_response(shoot(scene(rng), bm.SRGB.decode, true, rng, declared=nominal, gray=True))
+    fit = bm.calibration.fit_response(
+        shoot(scene(rng), bm.SRGB.decode, true, rng, declared=nominal, gray=True)
+    )
     assert np.abs(fit.transfer.decode(V) - bm.SRGB.decode(V)).max() < 0.012
     steps = np.diff(np.log(fit.exposure_times)) - np.log(2)
     assert np.ptp(steps) < np.ptp(np.diff(np.log(nominal))) / 3
@@ -141,7 +143,7 @@ def test_motion_and_clipping_do_not_bias_the_curve():
     pictures[2] = replace(pictures[2], rgb=moved)
     pictures[1] = replace(pictures[1], rgb=shifted)
     assert np.mean(pictures[4].rgb >= 1) > 0.2
-    fit = bm.fit_response(pictures)
+    fit = bm.calibration.fit_response(pictures)
     assert np.abs(fit.transfer.decode(V) - bm.SRGB.decode(V)).max() < 0.012
     assert 0.85 < fit.agreement < 0.999
 
@@ -151,9 +153,9 @@ def test_white_balance_and_order_change_nothing():
     rng = np.random.default_rng(4)
     light = scene(rng)
     pictures = shoot(light * (0.5, 1.0, 0.8), bm.REC709.decode, FIVE[1:4], rng)
-    fit = bm.fit_response(pictures)
+    fit = bm.calibration.fit_response(pictures)
     assert fit.channels_agree
-    again = bm.fit_response(pictures[::-1])
+    again = bm.calibration.fit_response(pictures[::-1])
     assert_allclose(again.transfer.decode(V), fit.transfer.decode(V), atol=1e-12)
 
 
@@ -161,11 +163,11 @@ def test_detects_channels_with_different_curves():
     """Oracle: blue was coded with another curve."""
     rng = np.random.default_rng(5)
     light = scene(rng)
-    pictures = shoot(light, bm.gamma(2.2).decode, FIVE[1:4], rng)
-    other = shoot(light, bm.gamma(1.8).decode, FIVE[1:4], rng)
+    pictures = shoot(light, bm.radiometry.gamma(2.2).decode, FIVE[1:4], rng)
+    other = shoot(light, bm.radiometry.gamma(1.8).decode, FIVE[1:4], rng)
     for picture, strange in zip(pictures, other, strict=True):
         picture.rgb[..., 2] = strange.rgb[..., 2]
-    fit = bm.fit_response(pictures)
+    fit = bm.calibration.fit_response(pictures)
     assert not fit.channels_agree
     assert max(fit.channel_difference) > 0.02
     assert any("do not have one curve" in line for line in bm.explain(fit))
@@ -175,7 +177,9 @@ def test_curve_increases_from_black_to_one():
     """Invariant: for any noise, and where there are no data."""
     rng = np.random.default_rng(6)
     light = np.clip(scene(rng), 0.05, 0.3)
-    fit = bm.fit_response(shoot(light, bm.SRGB.decode, (1 / 20, 1 / 10), rng, sigma=3, gray=True))
+    fit = bm.calibration.fit_response(
+        shoot(light, bm.SRGB.decode, (1 / 20, 1 / 10), rng, sigma=3, gray=True)
+    )
     table = fit.transfer.table(4096)
     assert np.all(np.diff(table) > 0)
     assert_allclose(table[-1], 1)
@@ -217,7 +221,7 @@ def flat(value, time):
 def test_rejects_wrong_arguments(pictures, times, says):
     """Door: each wrong argument is named."""
     with pytest.raises(ValueError, match=says):
-        bm.fit_response(pictures, times)
+        bm.calibration.fit_response(pictures, times)
 
 
 @pytest.mark.parametrize(
@@ -230,39 +234,41 @@ def test_rejects_wrong_arguments(pictures, times, says):
 )
 def test_rejects_brackets_that_do_not_determine_a_curve(pictures, says):
     """Door: one line with the cause."""
-    with pytest.raises(bm.ResponseError, match=says):
-        bm.fit_response(pictures)
+    with pytest.raises(bm.errors.ResponseError, match=says):
+        bm.calibration.fit_response(pictures)
 
 
 def test_rejects_arrays():
     """Door: arrays have neither exposure time nor levels."""
     with pytest.raises(TypeError, match="pictures must be LinearImages, got ndarray"):
-        bm.fit_response([flat(0.5, 1), flat(0.6, 2).rgb])
+        bm.calibration.fit_response([flat(0.5, 1), flat(0.6, 2).rgb])
 
 
 def test_rejects_decoded_pictures_and_profiles():
     """Door: sizes, decoded pictures, times out of range, scenes that changed."""
     first = flat(0.4, 1)
     with pytest.raises(ValueError, match=r"1 is 50x40 pixels and 2 20x40"):
-        bm.fit_response([first, flat(0.5, 2).crop((0, 0, 20, 40))])
+        bm.calibration.fit_response([first, flat(0.5, 2).crop((0, 0, 20, 40))])
     srgb = replace(first, meta=replace(first.meta, transfer=bm.SRGB))
     with pytest.raises(ValueError, match="code values are needed without decoding"):
-        bm.fit_response([srgb, flat(0.5, 2)])
+        bm.calibration.fit_response([srgb, flat(0.5, 2)])
     mixed = replace(first, meta=replace(first.meta, converted=True))
-    with pytest.raises(bm.ResponseError, match="its color profile or tags state other primaries"):
-        bm.fit_response([mixed, flat(0.5, 2)])
+    with pytest.raises(
+        bm.errors.ResponseError, match="its color profile or tags state other primaries"
+    ):
+        bm.calibration.fit_response([mixed, flat(0.5, 2)])
     with pytest.raises(ValueError, match="time_std must lie between 0 and 1"):
-        bm.fit_response([first, flat(0.5, 2)], time_std=-1)
+        bm.calibration.fit_response([first, flat(0.5, 2)], time_std=-1)
     rng = np.random.default_rng(7)
     many = [shoot(scene(rng), bm.SRGB.decode, (t,), rng, gray=True)[0] for t in (1, 2, 4)]
     for n, picture in enumerate(many):  # three scenes, each brighter than the last
         rgb = (0.2 + 0.15 * n + 0.3 * picture.rgb).astype(np.float32)
         many[n] = replace(picture, rgb=rgb)
-    with pytest.raises(bm.ResponseError, match=r"no curve explains|too noisy"):
-        bm.fit_response(many)
+    with pytest.raises(bm.errors.ResponseError, match=r"no curve explains|too noisy"):
+        bm.calibration.fit_response(many)
 
 
 def test_uniform_scene_gives_a_large_std():
     """Honest: two brightnesses of one gray have little information."""
-    fit = bm.fit_response([flat(0.4, 1), flat(0.55, 2)])
+    fit = bm.calibration.fit_response([flat(0.4, 1), flat(0.55, 2)])
     assert fit.std.max() > 0.01

@@ -42,8 +42,12 @@ def folder(tmp_path_factory):
     """Image and plate of a ball, and its layer with its solution."""
     folder = tmp_path_factory.mktemp("app")
     path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = bm.render(bm.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.Ball(9)))
-    image, plate = bm.Shot(truth.scene, bm.Camera(code_std=1 / 255)).photograph(truth)
+    truth = bm.rendering.render(
+        bm.rendering.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.rendering.Ball(9))
+    )
+    image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(
+        truth
+    )
     bm.write(folder / "image.png", image)
     bm.write(folder / "plate.png", plate)
     bm.write(folder / "layer.exr", bm.solve(image, plate, truth.model, bm.Pixelwise()))

@@ -21,7 +21,9 @@ def folder(tmp_path_factory):
     level = 0.02 + 0.75 * np.linspace(0, 1, 160) ** 2
     light = np.tile(level[:, None] * [1, 0.8, 0.9], (120, 1, 1))
     for seed in range(4):
-        bm.write(folder / f"f{seed}.png", bm.Camera(NOISE, bits=16).photograph(light, seed))
+        bm.write(
+            folder / f"f{seed}.png", bm.rendering.Camera(NOISE, bits=16).photograph(light, seed)
+        )
     bm.write(folder / "small.png", bm.LinearImage(np.full((20, 20, 3), 0.5)))
     return folder
 
@@ -99,12 +101,16 @@ def test_refuses_in_one_line(folder, arguments, said, monkeypatch):
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
-    body = bm.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
+    body = bm.rendering.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
     path = bm.Trajectory.line((30, 34), (90, 46))
-    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, body))
+    truth = bm.rendering.render(
+        bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=18), path, body)
+    )
     for seed, name in enumerate(("image", "plate")):
         light = getattr(truth, name).rgb
-        bm.write(folder / f"{name}.png", bm.Camera(NOISE, bits=16).photograph(light, seed))
+        bm.write(
+            folder / f"{name}.png", bm.rendering.Camera(NOISE, bits=16).photograph(light, seed)
+        )
     bm.write(folder / "noise.json", NOISE)
     loud = bm.NoiseModel.from_coefficients(4 * NOISE.coefficients)
     bm.write(folder / "loud.json", loud)

@@ -41,9 +41,9 @@ def codes(path):
 def scene(tmp_path_factory):
     """Image, plate and a beach as files, the layer with and without a solution around it."""
     folder = tmp_path_factory.mktemp("edit")
-    ball = bm.Ball(9, np.array([0.7, 0.35, 0.1]))
+    ball = bm.rendering.Ball(9, np.array([0.7, 0.35, 0.1]))
     path = bm.Trajectory.line((30, 25), (60, 38))
-    truth = bm.render(bm.Scene(colorful_plate(SIZE, 1, tile=16), path, ball))
+    truth = bm.rendering.render(bm.rendering.Scene(colorful_plate(SIZE, 1, tile=16), path, ball))
     shape = SIZE[::-1]
     layer = bm.Layer(
         truth.layer.alpha.astype(np.float32), truth.layer.premultiplied.astype(np.float32)
@@ -171,7 +171,7 @@ def test_compose_places_scales_and_fits(scene, tmp_path):
         (("--place", "100,50"), layer.place((150, 100), (100, 50)).over(beach)),
         (("--place", "60,40.0", "--scale", 2), layer.place((150, 100), (60, 40), 2).over(beach)),
         (("--scale", 0.5), layer.place((150, 100), None, 0.5).over(beach)),
-        (("--fit", "cover"), layer.over(bm.cover(beach, SIZE))),
+        (("--fit", "cover"), layer.over(bm.compositing.cover(beach, SIZE))),
     ]:
         out = tmp_path / "at_sea.exr"
         good("compose", scene / "layer.exr", *over, *options, "--out", out)
@@ -304,7 +304,7 @@ def test_stacks_layers(scene, tmp_path):
     assert_allclose(together.alpha, bm.stack(layers).alpha, atol=1e-6)
     over = "--over", scene / "plate.png"
     good("stack", tmp_path / "l.#.exr", "--long", *over, "--out", tmp_path / "long.exr")
-    expected = bm.long_exposure(layers).over(bm.read(scene / "plate.png"))
+    expected = bm.compositing.long_exposure(layers).over(bm.read(scene / "plate.png"))
     assert_allclose(bm.read(tmp_path / "long.exr").rgb, expected.rgb, atol=1e-6)
 
 

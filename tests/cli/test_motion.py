@@ -21,8 +21,12 @@ def folder(tmp_path_factory):
     """A solved picture of a ball."""
     folder = tmp_path_factory.mktemp("measured")
     path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = bm.render(bm.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.Ball(RADIUS)))
-    image, plate = bm.Shot(truth.scene, bm.Camera(code_std=1 / 255)).photograph(truth)
+    truth = bm.rendering.render(
+        bm.rendering.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.rendering.Ball(RADIUS))
+    )
+    image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(
+        truth
+    )
     solution = bm.solve(image, plate)
     bm.write(folder / "layer.exr", solution)
     bm.write(folder / "image.png", image)

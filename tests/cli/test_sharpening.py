@@ -39,10 +39,12 @@ def refused(*args):
 def folder(tmp_path_factory):
     """Image and plate, a solution with its sweep, and one without."""
     folder = tmp_path_factory.mktemp("sharpen")
-    ball = bm.Ball(8, np.array([0.7, 0.35, 0.1]), second_color=np.array([0.1, 0.2, 0.7]))
+    ball = bm.rendering.Ball(8, np.array([0.7, 0.35, 0.1]), second_color=np.array([0.1, 0.2, 0.7]))
     path = (22.0, 20.0, 48.0, 28.0)
-    truth = bm.render(
-        bm.Scene(colorful_plate(SIZE, 1, tile=16), bm.Trajectory.line(path[:2], path[2:]), ball)
+    truth = bm.rendering.render(
+        bm.rendering.Scene(
+            colorful_plate(SIZE, 1, tile=16), bm.Trajectory.line(path[:2], path[2:]), ball
+        )
     )
     sweep = Sweep(
         *(LINE, np.array(path), DISC, np.array([8.0]), bm.ColorModel.any()),
@@ -141,11 +143,11 @@ def test_spin_is_measured_and_used(folder, tmp_path):
     paint = np.random.default_rng(1).uniform(0.1, 0.9, (4, 8, 3))
     texture = np.repeat(np.repeat(paint, 24, axis=0), 24, axis=1)
     path = (22.0, 20.0, 48.0, 28.0)
-    truth = bm.render(
-        bm.Scene(
+    truth = bm.rendering.render(
+        bm.rendering.Scene(
             colorful_plate(SIZE, 1, tile=16),
             bm.Trajectory.line(path[:2], path[2:]),
-            bm.Ball(8, texture=texture, ambient=1.0),
+            bm.rendering.Ball(8, texture=texture, ambient=1.0),
             Change(spin=(0.0, 0.9, 0.3)),
         )
     )
@@ -163,7 +165,7 @@ def test_spin_is_measured_and_used(folder, tmp_path):
 
 
 def test_a_spin_in_words():
-    spin = bm.Spin(np.array([0.0, np.radians(36.0), 0.0]), covariance=1e-4 * np.eye(11))
+    spin = bm.deblurring.Spin(np.array([0.0, np.radians(36.0), 0.0]), covariance=1e-4 * np.eye(11))
     answer = {"spin": sharpening._numbers_of(spin)}
     sharpening._add_time(answer, bm.LinearImage(np.zeros((4, 4, 3)), meta=Meta(exposure_time=0.02)))
     said = sharpening._text_of(answer["spin"])

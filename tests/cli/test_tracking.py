@@ -25,11 +25,13 @@ def folder(tmp_path_factory):
     """Five pictures of a ball that goes to the left, faster and faster, and their plate."""
     folder = tmp_path_factory.mktemp("clip")
     scene, rng = colorful_plate((128, 96), 2, tile=24), np.random.default_rng(1)
-    camera = bm.Camera(code_std=1 / 255)
+    camera = bm.rendering.Camera(code_std=1 / 255)
     for k in range(FRAMES):
         x = 100 - 12 * k - 2 * k * k
         path = bm.Trajectory.line((x + 5 + k, 50), (x - 5 - k, 50))
-        light = bm.render(bm.Scene(scene, path, bm.Ball(8, color=COLOR))).image.rgb
+        light = bm.rendering.render(
+            bm.rendering.Scene(scene, path, bm.rendering.Ball(8, color=COLOR))
+        ).image.rgb
         bm.write(folder / f"f{k}.png", camera.photograph(light, rng))
     bm.write(folder / "plate.exr", camera.photograph(scene, rng))
     bm.write(folder / "color.json", bm.ColorModel.from_hex(HEX))
@@ -72,12 +74,12 @@ def test_table_matches_rendered_motion(track, tmp_path):
 
 def test_speed_allows_for_rolling_shutter():
     """Exact: length / (T + τ Δy); half of the correction if the direction is unknown."""
-    down = bm.Sighting(
+    down = bm.motion.Sighting(
         60, 40, 0.1, 0.1, 0.0, 6, 8, 0.1, 0.1, 100.0, 0.0, 0.9, 0.01, 5.0, 0.1,
         30, 0, 90, 80, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
     )  # fmt: skip
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
-    rows = [bm.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
+    rows = [bm.motion.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
     known = Known(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
     lines = table(rows, None, [], known)
     fast = 100 / 0.0084

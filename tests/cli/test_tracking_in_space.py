@@ -28,7 +28,7 @@ def flight(t):
 def folder(tmp_path_factory):
     """Pictures of a thrown ball of 20 pixels, as a camera of 8 bits takes them, and their plate."""
     folder, rng = tmp_path_factory.mktemp("flight"), np.random.default_rng(2)
-    plate, camera = 0.6 * colorful_plate(SIZE, 5, tile=40), bm.Camera(code_std=1.5 / 255)
+    plate, camera = 0.6 * colorful_plate(SIZE, 5, tile=40), bm.rendering.Camera(code_std=1.5 / 255)
     color = bm.ColorModel.from_hex(HEX).basis[:, 0]
     for k in range(FRAMES):
         t = k / RATE + EXPOSURE * ((np.arange(20) + 0.5) / 20 - 0.5)
@@ -95,7 +95,7 @@ def test_writes_table_and_sheet_in_space(answer, folder):
     """Exact: additional columns, as printed; the sheet has its usual width."""
     with (folder / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert set(bm.BallPlace.names) < rows[0].keys() == answer["rows"][0].keys()
+    assert set(bm.motion.BallPlace.names) < rows[0].keys() == answer["rows"][0].keys()
     assert [float(row["ball_z"]) for row in rows] == [row["ball_z"] for row in answer["rows"]]
     with Image.open(folder / "sheet.png") as sheet:
         assert sheet.width == 1800

@@ -91,7 +91,7 @@ def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
 def test_interrupted_run_ends_with_the_same_bytes(shot, once, tmp_path):
     events = bm.save_clip(run_of(shot), tmp_path, bm.Workers(1))
     for event in events:
-        if isinstance(event, bm.FrameRecord) and event.frame == FIRST + 2:
+        if isinstance(event, bm.clips.FrameRecord) and event.frame == FIRST + 2:
             break
     events.close()
     assert len(list(tmp_path.glob("layer.*.exr"))) == 3
@@ -117,7 +117,7 @@ def test_movie_is_as_long_as_the_clip_and_table_may_be_parquet(shot, once, tmp_p
 def test_clip_in_which_nothing_moves_is_refused(shot, tmp_path):
     run = run_of(shot)
     run = bm.ClipRun(run.inputs, run.frames[:3], run.plate)
-    with pytest.raises(bm.MotionError, match=r"frames 0 to 2: nothing moved"):
+    with pytest.raises(bm.errors.MotionError, match=r"frames 0 to 2: nothing moved"):
         list(bm.save_clip(run, tmp_path, bm.Workers(1)))
 
 
@@ -270,11 +270,11 @@ def test_cluster_that_loses_a_worker_writes_the_same_bytes(shot, once, tmp_path)
             n_workers=2, threads_per_worker=1, dashboard_address=None
         ) as local,
         distributed.Client(local) as client,
-        bm.cluster_workers(client, tmp_path) as workers,
+        bm.clips.cluster_workers(client, tmp_path) as workers,
     ):
         victim = min(client.run(os.getpid).values())
         for event in bm.save_clip(run_of(shot), tmp_path, workers):
-            if isinstance(event, bm.FrameRecord) and victim:
+            if isinstance(event, bm.clips.FrameRecord) and victim:
                 os.kill(victim, signal.SIGKILL)
                 victim = 0
     for name in (*NAMES, "frames.csv", "report.json"):

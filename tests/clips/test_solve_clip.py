@@ -85,7 +85,7 @@ def test_a_plate_in_shadow_is_refused_in_a_clip(pictures):
 
 def test_multiplied_errors_have_their_grade(pictures):
     frames, plate = pictures
-    solution = bm.solve(frames[5], plate, matching=bm.Matching.NONE)
+    solution = bm.solve(frames[5], plate, matching=bm.background.Matching.NONE)
     larger = solution.with_errors_times(30.0)
     assert larger.stats["alpha_error"] == pytest.approx(30 * solution.stats["alpha_error"])
     assert np.array_equal(larger.alpha, solution.alpha)
@@ -167,7 +167,7 @@ def test_solution_of_a_part_has_its_place_in_the_picture(pictures, truth):
     """Exact: the maps of a crop, at its place, and nothing elsewhere."""
     frames, plate = pictures
     box = (10, 0, 66, 44)
-    part = bm.solve(frames[5].crop(box), plate.crop(box), matching=bm.Matching.NONE)
+    part = bm.solve(frames[5].crop(box), plate.crop(box), matching=bm.background.Matching.NONE)
     whole = part.in_picture(box, plate.size)
     assert np.array_equal(whole.alpha[0:44, 10:66], part.alpha)
     assert whole.streak.sum() == part.streak.sum()

@@ -32,9 +32,11 @@ def patches(seed: int) -> np.ndarray:
 
 def case(start=(18.2, 16.4), end=(44.7, 24.1), radius=8.0, seed=0, std=0.05, texture=None) -> Case:
     """A ball on a line; `std` of the parameters of its sweep, pixels."""
-    ball = bm.Ball(radius, texture=patches(seed) if texture is None else texture, ambient=1.0)
-    scene = bm.Scene(textured_plate((64, 42), seed), bm.Trajectory.line(start, end), ball)
-    truth = bm.render(scene)
+    ball = bm.rendering.Ball(
+        radius, texture=patches(seed) if texture is None else texture, ambient=1.0
+    )
+    scene = bm.rendering.Scene(textured_plate((64, 42), seed), bm.Trajectory.line(start, end), ball)
+    truth = bm.rendering.render(scene)
     rng = np.random.default_rng(seed)
     image, plate = (
         LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)

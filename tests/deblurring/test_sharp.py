@@ -105,9 +105,9 @@ def test_a_sweep_that_the_light_contradicts_is_replaced(ball, sharp, change):
 
 
 def test_a_growth_that_the_sweep_lacks_is_found():
-    ball = bm.Ball(8, texture=patches(0), ambient=1.0)
+    ball = bm.rendering.Ball(8, texture=patches(0), ambient=1.0)
     scene = replace(case().truth.scene, body=ball, change=Change(scale=(0.9, 1.1)))
-    truth = bm.render(scene)
+    truth = bm.rendering.render(scene)
     image, plate = (
         LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
     )
@@ -119,7 +119,7 @@ def test_a_growth_that_the_sweep_lacks_is_found():
 def test_a_curved_path_that_was_fitted_as_a_bounce_is_found():
     t = np.linspace(0, 1, 65)
     curved = PARABOLA.at(np.array([14.0, 28.0, 32.0, 13.0, 50.0, 28.0]), t)[0]
-    truth = bm.render(replace(case().truth.scene, trajectory=bm.Trajectory(curved, t)))
+    truth = bm.rendering.render(replace(case().truth.scene, trajectory=bm.Trajectory(curved, t)))
     image, plate = (
         LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
     )
@@ -154,7 +154,7 @@ def test_errors_of_a_wrong_model_are_widened():
     for seed in range(2):
         found = case(seed=seed)
         turning = replace(found.truth.scene, change=Change(spin=(0.3, 0.5, 0.2)))
-        truth = bm.render(turning)
+        truth = bm.rendering.render(turning)
         rng = np.random.default_rng(seed)
         image = LinearImage(add_noise(truth.image.rgb, NOISE, rng), NOISE)
         result = bm.deblur(image, found.plate, found.sweep, refine=False)
@@ -265,9 +265,9 @@ def test_a_solution_is_deblurred_without_its_pictures(ball):
         *(np.where(streak, 0, 16).astype(np.uint8), ball.sweep.model, "truth"),
         sweep=ball.sweep,
     )
-    assert psnr(bm.deblur_solution(solution).subframes(4), ball) > 25
-    with pytest.raises(bm.MotionError, match="no shape on a path"):
-        bm.deblur_solution(replace(solution, sweep=None))
+    assert psnr(bm.deblurring.deblur_solution(solution).subframes(4), ball) > 25
+    with pytest.raises(bm.errors.MotionError, match="no shape on a path"):
+        bm.deblurring.deblur_solution(replace(solution, sweep=None))
 
 
 def test_a_rejected_sweep_is_warned_of(ball):

@@ -47,11 +47,11 @@ LAMP = Lamp((0.4, -0.6, 0.7))
 def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0, lamps=(LAMP,)) -> Spinning:
     """A ball of radius 8 that moves 31 pixels, its noisy pictures, and its sweep with errors."""
     look = {"color": np.array([0.6, 0.4, 0.2])} if plain else {"texture": patches(seed)}
-    ball = bm.Ball(8.0, ambient=ambient, lamps=lamps, highlight=highlight, **look)
+    ball = bm.rendering.Ball(8.0, ambient=ambient, lamps=lamps, highlight=highlight, **look)
     start, end = (18.2, 16.4), (47.7, 26.1)
     path = bm.Trajectory.line(start, end)
-    scene = bm.Scene(textured_plate((66, 44), seed), path, ball, Change(spin=tuple(spin)))
-    truth, rng = bm.render(scene), np.random.default_rng(seed)
+    scene = bm.rendering.Scene(textured_plate((66, 44), seed), path, ball, Change(spin=tuple(spin)))
+    truth, rng = bm.rendering.render(scene), np.random.default_rng(seed)
     image, plate = (
         LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)
         for picture in (truth.image, truth.plate)
@@ -70,13 +70,13 @@ def ball() -> Spinning:
 
 
 @pytest.fixture(scope="module")
-def spin(ball) -> bm.Spin:
-    return bm.fit_spin(ball.image, ball.plate, ball.sweep)
+def spin(ball) -> bm.deblurring.Spin:
+    return bm.deblurring.fit_spin(ball.image, ball.plate, ball.sweep)
 
 
 @pytest.fixture(scope="module")
 def search(ball) -> Search:
-    return Search.of(View.of(ball.image, ball.plate, ball.sweep, bm.Spin(np.zeros(3))))
+    return Search.of(View.of(ball.image, ball.plate, ball.sweep, bm.deblurring.Spin(np.zeros(3))))
 
 
 def test_the_faces_of_a_sphere_share_the_nodes_of_their_edges():
@@ -95,7 +95,7 @@ def test_without_a_turn_the_operator_is_that_of_a_flat_lattice(ball):
     lattice, sphere = Lattice.of(ball.sweep), Sphere.of(8.0, 0.5)
     flat = blur_operator(ball.sweep, lattice, pixels)
     turned = blur_operator(
-        ball.sweep, sphere, pixels, poses_of(ball.sweep, spin=bm.Spin(np.zeros(3)))
+        ball.sweep, sphere, pixels, poses_of(ball.sweep, spin=bm.deblurring.Spin(np.zeros(3)))
     )
     assert_allclose(turned.alpha, flat.alpha, atol=1e-12)
     of_nodes = turned.A[:, : sphere.size]
@@ -108,7 +108,7 @@ def test_without_a_turn_the_operator_is_that_of_a_flat_lattice(ball):
 
 def test_points_of_the_body_turn_as_scipy_turns_them(ball):
     """Oracle: the light of a pattern that is linear on the body, in plain loops over moments."""
-    turn, pattern = bm.Spin(SPIN), np.array([0.3, -0.5, 0.8])
+    turn, pattern = bm.deblurring.Spin(SPIN), np.array([0.3, -0.5, 0.8])
     pixels, poses = Pixels.of_box(ball.sweep.box), poses_of(ball.sweep, spin=turn)
     sphere = Sphere.of(8.0, 0.5)
     A, _ = blur_operator(ball.sweep, sphere, pixels, poses)
@@ -131,9 +131,11 @@ def test_points_of_the_body_turn_as_scipy_turns_them(ball):
 def test_jacobians_turn_the_body_as_scipy_turns_it():
     """Oracle: R(ω + δ) = exp([J δ]ₓ) R(ω) at every moment, to first order."""
     t, change = np.array([0.0, 0.3, 0.5, 1.0]), 1e-5 * np.array([0.3, -0.7, 0.5])
-    small = np.einsum("tij,tj->ti", bm.Spin(SPIN + change).turns(t), np.tile([0.6, 0, 0.8], (4, 1)))
-    turned = Rotation.from_rotvec(bm.Spin(SPIN).jacobians(t) @ change).as_matrix()
-    expected = turned @ bm.Spin(SPIN).turns(t) @ [0.6, 0, 0.8]
+    small = np.einsum(
+        "tij,tj->ti", bm.deblurring.Spin(SPIN + change).turns(t), np.tile([0.6, 0, 0.8], (4, 1))
+    )
+    turned = Rotation.from_rotvec(bm.deblurring.Spin(SPIN).jacobians(t) @ change).as_matrix()
+    expected = turned @ bm.deblurring.Spin(SPIN).turns(t) @ [0.6, 0, 0.8]
     assert_allclose(small, expected, atol=1e-9)
 
 
@@ -141,7 +143,7 @@ def test_the_light_of_a_search_changes_with_the_rotation_as_its_derivatives_say(
     """Adjoint of the search's operator: differences over a turn of 0.001°."""
     step = np.radians(1e-3)
     (at,) = search.solved(SPIN, (0.2,))
-    spin = bm.Spin(SPIN)
+    spin = bm.deblurring.Spin(SPIN)
     J = sphere_kernel.turned(
         *(search.entries, spin.turns(search.t), spin.jacobians(search.t)),
         *(search.sphere.node, at.texture),
@@ -155,7 +157,9 @@ def test_the_light_of_a_search_changes_with_the_rotation_as_its_derivatives_say(
 def test_scores_of_pixels_sum_to_the_gradient_of_the_evidence(ball):
     """Oracle: differences of log Z, which is evaluated at twice as many moments."""
     sweep = replace(ball.sweep, covariance=1e-3**2 * np.eye(5))
-    view = View.of(ball.image, ball.plate, sweep, bm.Spin(SPIN, covariance=1e-3**2 * np.eye(11)))
+    view = View.of(
+        ball.image, ball.plate, sweep, bm.deblurring.Spin(SPIN, covariance=1e-3**2 * np.eye(11))
+    )
     sphere = Sphere.of(8.0, 2.5)
     state = explained([view], sphere)
     found = scores(state, sphere).sum(axis=0)
@@ -197,7 +201,7 @@ def test_renders_the_spinning_ball_of_the_renderer():
     color = texture[np.minimum(rows, 95), np.minimum(column, 191)]
     x0, y0, x1, y1 = sweep.box
     A, _ = blur_operator(
-        sweep, sphere, Pixels.of_box(sweep.box), poses_of(sweep, spin=bm.Spin(SPIN))
+        sweep, sphere, Pixels.of_box(sweep.box), poses_of(sweep, spin=bm.deblurring.Spin(SPIN))
     )
     error = (A[:, : sphere.size] @ color).reshape(y1 - y0, x1 - x0, 3)
     error = error - case.truth.layer.premultiplied[y0:y1, x0:x1]
@@ -233,7 +237,7 @@ def test_finds_the_spin_with_an_honest_error(spin):
 @pytest.mark.battery
 def test_finds_the_spin_of_a_shaded_ball():
     case = spinning(seed=2, ambient=0.35)
-    found = bm.fit_spin(case.image, case.plate, case.sweep)
+    found = bm.deblurring.fit_spin(case.image, case.plate, case.sweep)
     assert np.degrees(np.linalg.norm(found.rotation - SPIN)) < 8
     n = np.array([[0.4, -0.6, 0.7], [-0.6, 0.6, 0.5]])
     bright, dark = found.light(n / np.linalg.norm(n, axis=1)[:, None])
@@ -251,7 +255,7 @@ def psnr(sharp, truth):
 
 
 def test_a_compressed_picture_of_a_spinning_ball_has_the_likelihood_of_its_file():
-    case, spin = spinning(), bm.Spin(SPIN)
+    case, spin = spinning(), bm.deblurring.Spin(SPIN)
     camera = Camera(code_std=1 / 255, bits=8, jpeg_quality=90, chroma="4:2:0")
     image, plate = Shot(case.truth.scene, camera, plate_frames=5, seed=0).photograph(case.truth)
     sharp = bm.deblur(image, plate, case.sweep, spin=spin, refine=False)
@@ -274,7 +278,7 @@ def test_light_of_two_hues_does_not_turn_with_the_ball():
     lamps = (Lamp((-0.8, -0.3, 0.5), (0.9, 0.6, 0.3)), Lamp((0.8, -0.3, 0.5), (0.3, 0.5, 0.9)))
     case = spinning(ambient=0.1, lamps=lamps)
     path = case.truth.trajectory.at(np.array([0.0, 1.0])).ravel()
-    prior = bm.Spin(SPIN, covariance=np.diag([1e-4**2] * 3 + [0.3**2] * 8))
+    prior = bm.deblurring.Spin(SPIN, covariance=np.diag([1e-4**2] * 3 + [0.3**2] * 8))
     sweep = replace(case.sweep, path=path, covariance=0.01**2 * np.eye(5))
     sharp = bm.deblur(case.image, case.plate, sweep, spin=prior)
     assert sharp.misfit < 1.2
@@ -292,7 +296,7 @@ def test_a_spin_is_chosen_by_its_evidence(ball, spin, monkeypatch):
 
         def search(image, plate, sweep):
             """The answer."""
-            if isinstance(answer, bm.Spin):
+            if isinstance(answer, bm.deblurring.Spin):
                 return answer
             raise answer
 
@@ -300,13 +304,13 @@ def test_a_spin_is_chosen_by_its_evidence(ball, spin, monkeypatch):
         return bm.deblur(ball.image, ball.plate, ball.sweep, spin="auto")
 
     assert_allclose(chosen(spin).spin.rotation, spin.rotation)
-    error = bm.SpinError("two spins")
+    error = bm.errors.SpinError("two spins")
     error.likeliest = spin
     with pytest.warns(bm.BlurmatteWarning, match="not certain: two spins"):
         assert chosen(error).spin is not None
     refuted = pytest.warns(bm.BlurmatteWarning, match="does not explain the light")
     with refuted, pytest.warns(bm.BlurmatteWarning, match="not certain: too weak"):
-        assert chosen(bm.SpinError("too weak")).spin is None
+        assert chosen(bm.errors.SpinError("too weak")).spin is None
     with pytest.raises(ValueError, match="auto"):
         bm.deblur(ball.image, ball.plate, ball.sweep, spin="maybe")
 
@@ -332,27 +336,27 @@ def test_a_ball_that_does_not_turn_has_no_certain_spin():
 
 def test_a_plain_ball_is_refused():
     case = spinning(plain=True)
-    with pytest.raises(bm.SpinError, match="texture is too weak"):
-        bm.fit_spin(case.image, case.plate, case.sweep)
+    with pytest.raises(bm.errors.SpinError, match="texture is too weak"):
+        bm.deblurring.fit_spin(case.image, case.plate, case.sweep)
 
 
 def test_other_shapes_and_small_balls_are_refused(ball):
     ellipse = replace(
         ball.sweep, silhouette=ELLIPSE, shape=np.array([8.0, 0.1, 0]), covariance=np.eye(7)
     )
-    with pytest.raises(bm.SpinError, match="ellipse"):
-        bm.fit_spin(ball.image, ball.plate, ellipse)
-    with pytest.raises(bm.SpinError, match="radius"):
-        bm.fit_spin(ball.image, ball.plate, replace(ball.sweep, shape=np.array([3.0])))
+    with pytest.raises(bm.errors.SpinError, match="ellipse"):
+        bm.deblurring.fit_spin(ball.image, ball.plate, ellipse)
+    with pytest.raises(bm.errors.SpinError, match="radius"):
+        bm.deblurring.fit_spin(ball.image, ball.plate, replace(ball.sweep, shape=np.array([3.0])))
 
 
 def test_wrong_arguments_are_refused(ball, spin):
     with pytest.raises(TypeError, match="fit_sweep"):
-        bm.fit_spin(ball.image, ball.plate, None)
+        bm.deblurring.fit_spin(ball.image, ball.plate, None)
     with pytest.raises(ValueError, match="same size"):
-        bm.fit_spin(ball.image, ball.plate, replace(ball.sweep, size=(9, 9)))
+        bm.deblurring.fit_spin(ball.image, ball.plate, replace(ball.sweep, size=(9, 9)))
     with pytest.raises(ValueError, match="rotation"):
-        bm.Spin(np.zeros(2))
+        bm.deblurring.Spin(np.zeros(2))
     with pytest.raises(ValueError, match="one picture"):
         bm.deblur([ball.image] * 2, ball.plate, [ball.sweep] * 2, spin=spin)
     with pytest.raises(TypeError, match="fit_spin"):
@@ -360,19 +364,21 @@ def test_wrong_arguments_are_refused(ball, spin):
 
 
 def test_axis_and_rate():
-    found = bm.Spin(np.radians([0, 30.0, 0]), covariance=np.diag([1e-4, 4e-4, 1e-4, *np.zeros(8)]))
+    found = bm.deblurring.Spin(
+        np.radians([0, 30.0, 0]), covariance=np.diag([1e-4, 4e-4, 1e-4, *np.zeros(8)])
+    )
     assert_allclose(found.axis, [0, 1, 0])
     assert found.rate_deg == pytest.approx(30)
     assert found.rate_std_deg == pytest.approx(np.degrees(0.02))
     assert found.axis_std_deg == pytest.approx(np.degrees(np.sqrt(2e-4) / np.radians(30)))
-    assert_allclose(bm.Spin(np.zeros(3)).axis, [0, 0, 1])
+    assert_allclose(bm.deblurring.Spin(np.zeros(3)).axis, [0, 0, 1])
 
 
 @pytest.mark.battery
 def test_a_highlight_on_a_plain_ball_is_no_texture():
     case = spinning(plain=True, ambient=0.35, highlight=0.6)
-    with pytest.raises(bm.SpinError, match=r"may be light|two spins|no spin|highlight"):
-        bm.fit_spin(case.image, case.plate, case.sweep)
+    with pytest.raises(bm.errors.SpinError, match=r"may be light|two spins|no spin|highlight"):
+        bm.deblurring.fit_spin(case.image, case.plate, case.sweep)
 
 
 @pytest.mark.battery
@@ -381,8 +387,8 @@ def test_a_highlight_on_a_textured_ball_is_no_spin_of_its_own(seed):
     """Refused, or the spin of the ball: light that does not turn is part of the search."""
     case = spinning(seed=seed, ambient=0.35, highlight=0.6)
     try:
-        found = bm.fit_spin(case.image, case.plate, case.sweep)
-    except bm.SpinError:
+        found = bm.deblurring.fit_spin(case.image, case.plate, case.sweep)
+    except bm.errors.SpinError:
         return
     error = found.rotation - SPIN
     assert error @ np.linalg.inv(found.rotation_covariance) @ error < 16

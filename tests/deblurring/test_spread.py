@@ -66,7 +66,7 @@ def noisy_alpha(sweep, std, seed):
 @pytest.mark.parametrize("radius", [4.0, 8.0])
 def test_free_point_spread_is_that_of_the_path(radius):
     sweep = sweep_along(ACCELERATING, radius)
-    found = bm.fit_psf(*noisy_alpha(sweep, 0.01, 1), sweep.coverage)
+    found = bm.deblurring.fit_psf(*noisy_alpha(sweep, 0.01, 1), sweep.coverage)
     true = placed(sweep.psf())
     a, b = (gaussian_filter(x, 1.5).ravel() for x in (found.weight, true))
     assert np.corrcoef(a, b)[0, 1] > 0.99
@@ -83,7 +83,7 @@ def test_dwell_times_are_honest():
     length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
     true = np.diff(np.interp(np.linspace(0, length[-1], 31), length, t))
     for seed in range(8):
-        dwell = bm.fit_dwell(*noisy_alpha(sweep, 0.01, seed), sweep, parts=30)
+        dwell = bm.deblurring.fit_dwell(*noisy_alpha(sweep, 0.01, seed), sweep, parts=30)
         z.append((dwell.time - true) / dwell.std)
         assert abs(dwell.time.sum() - 1) < 0.02
     assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.3
@@ -114,8 +114,8 @@ def test_wrong_arguments_are_refused():
     sweep = sweep_along(ACCELERATING)
     alpha, std = noisy_alpha(sweep, 0.01, 0)
     with pytest.raises(ValueError, match="odd sides"):
-        bm.fit_psf(alpha, std, np.ones((4, 5)))
+        bm.deblurring.fit_psf(alpha, std, np.ones((4, 5)))
     with pytest.raises(ValueError, match="nowhere large enough"):
-        bm.fit_psf(0 * alpha, std, sweep.coverage)
+        bm.deblurring.fit_psf(0 * alpha, std, sweep.coverage)
     with pytest.raises(ValueError, match="parts must be 4"):
-        bm.fit_dwell(alpha, std, sweep, parts=2)
+        bm.deblurring.fit_dwell(alpha, std, sweep, parts=2)

@@ -22,7 +22,7 @@ def test_a_notebook_shows_the_sheet_of_a_quick_look(kind):
     if kind == "picture":
         thing = bm.LinearImage(layer.premultiplied)
     elif kind == "solution":
-        maps = bm.PixelMaps.zeros(20, 30)
+        maps = bm.matting.PixelMaps.zeros(20, 30)
         maps.alpha[...], maps.premultiplied[...] = alpha, layer.premultiplied
         thing = bm.Solution(*maps, model=bm.ColorModel.any(), solver="Pixelwise()")
     with Image.open(BytesIO(thing._repr_png_())) as shown:

@@ -75,7 +75,7 @@ def check_numbers(path, expected):
     return whole
 
 
-@pytest.mark.filterwarnings("ignore::blurmatte.TransferWarning")
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 @pytest.mark.parametrize("kind", ["ts", "mpg"])
 def test_frames_of_joined_files_are_counted_and_their_times_go_on(tmp_path, kind):
     """Exact: time stamps go back at frame 16."""

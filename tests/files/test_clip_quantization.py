@@ -59,7 +59,7 @@ def test_a_frame_has_the_noise_of_moving_blocks(tmp_path):
     noisy, _ = with_noise(frames[1], plate)
     moving, light = frames.coding_errors().moving, plate.rgb
     coding = np.stack([moving.variance(light[..., c], c) for c in range(3)], axis=-1)
-    measured, _ = bm.fit_noise(frames[1], plate)
+    measured, _ = bm.calibration.fit_noise(frames[1], plate)
     np.testing.assert_allclose(noisy.noise, measured.variance(light) + coding, rtol=1e-5)
     box = 16, 8, 56, 40
     part = frames[1].crop(box).meta.coding.variance(light[8:40, 16:56])

@@ -39,8 +39,10 @@ def make_inputs(folder: Path) -> None:
     plate = colorful_plate(size, 2, tile=12)
     for k in range(4):
         path = bm.Trajectory.line((12 + 6 * k, 14), (22 + 6 * k, 18 + 3 * k))
-        truth = bm.render(Scene(plate, path, Ball(6)))
-        image, empty = bm.Shot(truth.scene, bm.Camera(code_std=1 / 255)).photograph(truth)
+        truth = bm.rendering.render(Scene(plate, path, Ball(6)))
+        image, empty = bm.rendering.Shot(
+            truth.scene, bm.rendering.Camera(code_std=1 / 255)
+        ).photograph(truth)
         bm.write(folder / f"f{k}.png", image)
         bm.write(folder / f"l.{k + 1:04}.exr", truth.layer)
         bm.write(folder / f"b{k}.png", bm.LinearImage((empty.rgb * 0.5**k).astype(np.float32)))
@@ -49,7 +51,7 @@ def make_inputs(folder: Path) -> None:
     bm.write(folder / "layer.exr", bm.solve(image, empty, truth.model, bm.Pixelwise()))
     (folder / "scene.toml").write_text(BALL)
     (folder / "old.toml").write_text(BALL.replace("radius = 5", "radius = 4"))
-    bm.save_shot(folder / "truth", bm.read_shots(folder / "scene.toml")[0])
+    bm.scenes.save_shot(folder / "truth", bm.scenes.read_shots(folder / "scene.toml")[0])
 
 
 def warm() -> None:
@@ -58,13 +60,15 @@ def warm() -> None:
         if not module.name.endswith("__main__"):
             import_module(module.name)
     path = bm.Trajectory.line((12, 14), (30, 20))
-    shot = bm.Shot(Scene(colorful_plate((64, 48), 2, tile=12), path, Ball(6)), bm.Camera(bits=8))
-    truth = bm.render(shot.scene)
+    shot = bm.rendering.Shot(
+        Scene(colorful_plate((64, 48), 2, tile=12), path, Ball(6)), bm.rendering.Camera(bits=8)
+    )
+    truth = bm.rendering.render(shot.scene)
     image, plate = shot.photograph(truth)
     solution = bm.solve(image, plate, truth.model, bm.Pixelwise())
-    bm.draw_overview(image, plate, solution)
+    bm.figures.draw_overview(image, plate, solution)
     bm.make_plate([image, plate, image, plate])
-    list(bm.sightings([image], plate, truth.model))
+    list(bm.motion.sightings([image], plate, truth.model))
     bm.explain(solution)
     CliRunner().invoke(app, ["info", "nowhere.json"])
 

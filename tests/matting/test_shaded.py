@@ -19,7 +19,9 @@ def rendering(strength):
     plate = colorful_plate(SIZE, np.random.default_rng(2))
     path = bm.Trajectory.line((60, 50), (95, 65))
     shadow = Shadow((6, 14), 3.0, tuple(strength))
-    return bm.render(bm.Scene(plate, path, bm.Ball(14, LIGHT), shadow=shadow))
+    return bm.rendering.render(
+        bm.rendering.Scene(plate, path, bm.rendering.Ball(14, LIGHT), shadow=shadow)
+    )
 
 
 COLORED, GRAY = rendering(STRENGTH), rendering((0.5, 0.5, 0.5))
@@ -49,13 +51,13 @@ def test_shaded_plate_separates_shadow_and_object():
     """Exact: alpha, light and the fraction of the exposure in shadow."""
     image, plate = (picture.with_noise(bm.NoiseModel(read_std=1e-4)) for picture in taken(COLORED))
     solver = bm.Shaded(plate=in_shadow(plate))
-    solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
+    solution = bm.solve(image, plate, MODEL, solver, matching=bm.background.Matching.NONE)
     known = solution.known & solution.streak
     assert known.mean() > 0.05
     assert np.abs(solution.alpha - COLORED.layer.alpha)[known].max() < 1e-5
     assert np.abs(solution.premultiplied - COLORED.layer.premultiplied)[known].max() < 1e-5
     assert np.any(solution.quality & Quality.SHADOW)
-    plain = bm.solve(image, plate, MODEL, bm.Pixelwise(), matching=bm.Matching.NONE)
+    plain = bm.solve(image, plate, MODEL, bm.Pixelwise(), matching=bm.background.Matching.NONE)
     assert off(COLORED, plain) > 0.05
 
 
@@ -64,7 +66,7 @@ def test_known_light_separates_shadow_and_object():
     flat = replace(GRAY, image=replace(GRAY.image, rgb=_even(GRAY)))
     image, plate = taken(flat)
     solver = bm.Shaded(light=tuple(LIGHT))
-    solution = bm.solve(image, plate, None, solver, matching=bm.Matching.NONE)
+    solution = bm.solve(image, plate, None, solver, matching=bm.background.Matching.NONE)
     known = solution.known & solution.streak
     assert np.abs(solution.alpha - GRAY.layer.alpha)[known].max() < 1e-5
     assert solution.model.rank == 1
@@ -86,7 +88,7 @@ def test_errors_are_honest(case):
         image, plate = taken(truth, seed)
         shaded = bm.LinearImage(truth.plate.rgb * (1 - STRENGTH), NOISE)
         solver = bm.Shaded(plate=shaded) if case == "plate" else bm.Shaded(light=tuple(LIGHT))
-        solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
+        solution = bm.solve(image, plate, MODEL, solver, matching=bm.background.Matching.NONE)
         at = solution.known & solution.streak
         z += list((solution.alpha - truth.layer.alpha)[at] / solution.alpha_std[at])
     assert 0.85 < np.std(z) < 1.2

@@ -136,7 +136,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     """
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
-    check_kind("matching", matching, Matching | None, "such as blurmatte.Matching.NONE")
+    check_kind("matching", matching, Matching | None, "such as blurmatte.background.Matching.NONE")
     gray = are_gray(image, plate)  # `solve` rejects these, with the reason
     if gray or matching is Matching.NONE or min(image.size) < MatchSettings.min_side_px:
         return Match.nothing(image.size)

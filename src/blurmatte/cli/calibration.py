@@ -46,7 +46,7 @@ def noise(
     with about(paths[0]), waiting("measuring the noise"):
         fit = _measured(paths, plate, region, reading)
     if plot is not None:
-        bm.write(plot, bm.draw_noise(fit))
+        bm.write(plot, bm.figures.draw_noise(fit))
     if out is not None:
         bm.write(out, fit)
     words, parts = bm.explain(fit), ("gain", "read_std", "relative_std")
@@ -68,7 +68,9 @@ def response(
         str | None, option("T,T,…", "Exposure times, 1/60 or 0.5; else the files'.")
     ] = None,
     plot: Plot = None,
-    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = bm.MAX_PIXELS,
+    max_pixels: Annotated[
+        int, option("N", "Refuse larger pictures; 200 million.")
+    ] = bm.checks.MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
     """Measure the curve of a camera from pictures of a still scene with different exposures."""
@@ -78,12 +80,12 @@ def response(
     paths = expanded(pictures)
     times = None if exposures is None else _seconds(exposures)
     with waiting("measuring the curve"):
-        fit = bm.fit_response([reading.read(path) for path in paths], times)
+        fit = bm.calibration.fit_response([reading.read(path) for path in paths], times)
     if out is not None:
         fit = replace(fit, transfer=replace(fit.transfer, name=out.stem))
     if plot is not None:
         with about(plot):
-            bm.write(plot, bm.draw_response(fit))
+            bm.write(plot, bm.figures.draw_response(fit))
     if out is not None:
         bm.write(out, fit)
     words = bm.explain(fit)
@@ -93,7 +95,7 @@ def response(
 
 def _measured(
     paths: list[Path], plate: Path | None, region: str | None, reading: Reading
-) -> bm.NoiseFit:
+) -> bm.calibration.NoiseFit:
     if plate is not None and len(paths) > 1:
         raise ValueError(f"--plate is for one picture, got {len(paths)}; frames need none")
     guessed: list[str] = []
@@ -104,16 +106,16 @@ def _measured(
     if region is not None:
         inside = bm.Streak.from_box(box("--region", region), first.size).mask
     if plate is not None:
-        return bm.measure_noise_against(first, reading.read(plate), inside)
+        return bm.calibration.measure_noise_against(first, reading.read(plate), inside)
     if len(paths) > 1:
         others = (reading.read(path) for path in paths[1:])
-        return bm.measure_noise(chain([first], others), inside)
+        return bm.calibration.measure_noise(chain([first], others), inside)
     if inside is None:
         raise ValueError(
             "give several frames of a still scene, or --plate, or an even part with --region: one "
             "picture does not separate noise from scene"
         )
-    return bm.measure_noise_within(first, inside)
+    return bm.calibration.measure_noise_within(first, inside)
 
 
 def _seconds(text: str) -> list[float]:

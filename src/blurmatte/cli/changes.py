@@ -139,7 +139,7 @@ class Behind:
             if self.gain is not None:
                 layer = layer.relight(self.gain)
             if placement.fit == "cover":
-                picture = bm.cover(picture, layer.size)
+                picture = bm.compositing.cover(picture, layer.size)
             elif placement.center is not None or placement.scale is not None:
                 scale = 1.0 if placement.scale is None else placement.scale
                 layer = _placed(layer, picture.size, placement.center, scale)

@@ -176,7 +176,7 @@ def _model(colors: ColorOptions) -> bm.ColorModel | None:
 @contextmanager
 def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.Workers]:
     if options.scheduler is not None:
-        with bm.cluster_workers(options.scheduler, folder) as workers:
+        with bm.clips.cluster_workers(options.scheduler, folder) as workers:
             yield workers
         return
     processes = options.workers or min(os.cpu_count() or 1, max(count // 8, 1))
@@ -184,13 +184,13 @@ def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.Work
         yield workers
 
 
-def _followed(events: Iterator[Any], count: int) -> bm.ClipReport:
+def _followed(events: Iterator[Any], count: int) -> bm.clips.ClipReport:
     """The report at the end; meanwhile shows how far it is, how fast, and what remains."""
     log, begun, measured, solved = logging.getLogger("blurmatte"), time.monotonic(), 0, 0
     log.info("looking for shots, plate and color")
     for event in events:
         match event:
-            case bm.FrameSightings():
+            case bm.motion.FrameSightings():
                 measured += 1
                 rate = measured / max(time.monotonic() - begun, 1e-3)
                 rest = (count - measured) / rate
@@ -198,18 +198,18 @@ def _followed(events: Iterator[Any], count: int) -> bm.ClipReport:
                     f"measured {measured} of {count} frames, {rate:.1f} a second, {rest:.0f} s remain"
                 )
                 solving = time.monotonic()
-            case bm.FrameRecord():
+            case bm.clips.FrameRecord():
                 solved += 1
                 if solved == 1:
                     solving = time.monotonic()
                 rate = solved / max(time.monotonic() - solving, 1e-3)
                 log.info(f"solved {solved} frames, {rate:.1f} a second: frame {event.frame}")
-            case bm.ClipReport():
+            case bm.clips.ClipReport():
                 return event
     raise RuntimeError("a run ends with its report")
 
 
-def _answer(report: bm.ClipReport, folder: Path, out: Path, as_json: bool) -> None:
+def _answer(report: bm.clips.ClipReport, folder: Path, out: Path, as_json: bool) -> None:
     layers = [record for record in report.records if record.layer]
     for problem in report.problems:
         warn(problem)
@@ -230,7 +230,7 @@ def _answer(report: bm.ClipReport, folder: Path, out: Path, as_json: bool) -> No
     say("\n".join(lines))
 
 
-def _check_grades(report: bm.ClipReport, required: bm.Grade | None) -> None:
+def _check_grades(report: bm.clips.ClipReport, required: bm.Grade | None) -> None:
     """Raise Exit if there is no layer, or a grade is lower than required."""
     grades = [bm.Grade(record.grade) for record in report.records if record.layer]
     if not grades:

@@ -10,8 +10,8 @@ from typing import Any, TypeAlias
 
 import blurmatte as bm
 
-Rows: TypeAlias = "Sequence[bm.FrameMotion]"
-Places: TypeAlias = "Sequence[bm.BallPlace | None]"
+Rows: TypeAlias = "Sequence[bm.motion.FrameMotion]"
+Places: TypeAlias = "Sequence[bm.motion.BallPlace | None]"
 Length = tuple[float, float]  # meters or pixels, and its error
 Gravity = tuple[float | list[float], float]
 
@@ -24,7 +24,9 @@ class Known:
     scale_of: Callable[[float, float], bm.Scale | None]
     by_size: bool  # whether that needs the radius
     # Path length within an exposure, meters, of a ball in space; None without a camera
-    moved_in_space: Callable[[bm.BallPlace | None, bm.Sighting | None], Length | None] | None
+    moved_in_space: (
+        Callable[[bm.motion.BallPlace | None, bm.motion.Sighting | None], Length | None] | None
+    )
     gravity: Gravity | None  # a number or a vector, m/s², and the error of its size
     time: Length | None  # exposure time and its error, seconds
     line_time: float  # of a rolling shutter, seconds
@@ -47,7 +49,7 @@ class Summary:
 
     number: int  # of the object
     words: list[str]
-    fall: bm.FreeFall | None
+    fall: bm.motion.FreeFall | None
     scale: bm.Scale | None  # of all its frames, if there is one
 
 
@@ -65,7 +67,7 @@ def summaries(rows: Rows, places: Places | None, several: bool, known: Known) ->
         mine, there = [rows[k] for k in of], None if places is None else [places[k] for k in of]
         try:
             one = _summary(number, mine, there, known)
-        except bm.MotionError as error:
+        except bm.errors.MotionError as error:
             unscaled = replace(known, scale_of=lambda *_: None, by_size=False, gravity=None)
             one = replace(_summary(number, mine, there, unscaled), words=[f"No scale: {error}."])
         frames = f"Object {number}: in {len(mine)} frames, {mine[0].frame} to {mine[-1].frame}."
@@ -77,7 +79,7 @@ def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Su
     scale = known.scale(rows)
     found = _reliable(rows)
     words = [_radius(found)] if found and places is None else []
-    scatter = bm.frame_scatter(rows)
+    scatter = bm.motion.frame_scatter(rows)
     words += [] if scatter is None else bm.explain(scatter)
     if known.radius_std and scale is not None:
         words.append(
@@ -88,7 +90,7 @@ def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Su
     words += [] if places is None else _in_space(rows, places)
     try:
         fall = _fall(rows, places, scale, known)
-    except bm.MotionError as error:
+    except bm.errors.MotionError as error:
         if known.gravity is None:
             return Summary(number, [*words, f"No fall to check: {error}."], None, scale)
         without = _summary(number, rows, places, replace(known, gravity=None))
@@ -97,12 +99,14 @@ def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Su
     return Summary(number, words, fall, fall.scale if places is None else None)
 
 
-def _fall(rows: Rows, places: Places | None, scale: bm.Scale | None, known: Known) -> bm.FreeFall:
+def _fall(
+    rows: Rows, places: Places | None, scale: bm.Scale | None, known: Known
+) -> bm.motion.FreeFall:
     """In space if places there are known, else in the picture."""
     gravity, std = known.gravity or (None, 0.0)
     if places is None:
-        return bm.fit_fall(rows, scale, gravity, std, known.line_time)
-    return bm.fit_fall_in_space(places, None, gravity, std)
+        return bm.motion.fit_fall(rows, scale, gravity, std, known.line_time)
+    return bm.motion.fit_fall_in_space(places, None, gravity, std)
 
 
 def table(
@@ -119,20 +123,20 @@ def table(
         else:
             ball = places[k]
             unit, moved = "m", known.moved_in_space(ball, row.sighting)
-            place = dict.fromkeys(bm.BallPlace.names) if ball is None else ball.numbers()
+            place = dict.fromkeys(bm.motion.BallPlace.names) if ball is None else ball.numbers()
         lines.append(_numbers(row, known) | place | _speed(moved, unit, known, row))
     return lines
 
 
 def drawn(
     lines: Sequence[dict[str, Any]], found: Sequence[Summary], places: Places | None
-) -> bm.ClipPhysics:
+) -> bm.figures.ClipPhysics:
     """What the sheet shows in meters and seconds, from the rows of the table."""
     metric = any(line["speed_unit"] == "m/s" for line in lines)
     speeds = [
         None if line["speed"] is None else (line["speed"], line["speed_std"]) for line in lines
     ]
-    return bm.ClipPhysics(
+    return bm.figures.ClipPhysics(
         {one.number: one.scale for one in found if one.scale is not None},
         {one.number: one.fall for one in found if one.fall is not None},
         speeds if metric else None,
@@ -140,7 +144,7 @@ def drawn(
     )
 
 
-def _numbers(row: bm.FrameMotion, known: Known) -> dict[str, Any]:
+def _numbers(row: bm.motion.FrameMotion, known: Known) -> dict[str, Any]:
     """Those of the row, with the errors that all places share."""
     numbers = row.numbers()
     for name, std in zip(("x_std", "y_std"), known.place_std, strict=True):
@@ -173,20 +177,22 @@ def median_radius(rows: Rows) -> Length:
     """Median of the radii, pixels, and its error from their scatter."""
     found = _reliable(rows)
     if not found:
-        raise bm.MotionError("the object was found in no frame, so that its size gives no scale")
+        raise bm.errors.MotionError(
+            "the object was found in no frame, so that its size gives no scale"
+        )
     middle, scatter = _median_and_scatter(found)
     # The median of normal numbers scatters by √(π/2) times as much as their mean.
     std = math.sqrt(math.pi / 2 / len(found)) * scatter
     return middle, max(std, min(one.radius_std for one in found))
 
 
-def _reliable(rows: Rows) -> list[bm.Sighting]:
+def _reliable(rows: Rows) -> list[bm.motion.Sighting]:
     """The detections off the border and without doubts, or all if there are no others."""
     found = [row.sighting for row in rows if row.sighting is not None]
     return [one for one in found if one.is_sound] or found
 
 
-def _radius(found: Sequence[bm.Sighting]) -> str:
+def _radius(found: Sequence[bm.motion.Sighting]) -> str:
     middle, scatter = _median_and_scatter(found)
     return (
         f"Radius {middle:.2f} px in the middle of all; they vary by {scatter / middle:.1%} "
@@ -194,7 +200,7 @@ def _radius(found: Sequence[bm.Sighting]) -> str:
     )
 
 
-def _median_and_scatter(found: Sequence[bm.Sighting]) -> Length:
+def _median_and_scatter(found: Sequence[bm.motion.Sighting]) -> Length:
     """Median of the radii, and their standard deviation if they are normal, by the median deviation."""
     radii = [one.radius for one in found]
     middle = statistics.median_high(radii)
@@ -202,7 +208,9 @@ def _median_and_scatter(found: Sequence[bm.Sighting]) -> Length:
     return middle, deviation / statistics.NormalDist().inv_cdf(0.75)
 
 
-def _speed(moved: Length | None, unit: str, known: Known, row: bm.FrameMotion) -> dict[str, Any]:
+def _speed(
+    moved: Length | None, unit: str, known: Known, row: bm.motion.FrameMotion
+) -> dict[str, Any]:
     """Mean speed within the exposure and its error, from the path length.
 
     A rolling shutter shows what moves towards later rows for longer than the exposure, and what moves
@@ -219,7 +227,7 @@ def _speed(moved: Length | None, unit: str, known: Known, row: bm.FrameMotion) -
     return {"speed": length * share / T, "speed_std": error / T, "speed_unit": unit}
 
 
-def _durations(row: bm.FrameMotion, known: Known) -> list[float]:
+def _durations(row: bm.motion.FrameMotion, known: Known) -> list[float]:
     """How long it may have been seen, in seconds, or exposures if their time is not known."""
     if known.time is None or row.sighting is None:
         return [1.0]
@@ -228,7 +236,7 @@ def _durations(row: bm.FrameMotion, known: Known) -> list[float]:
     return [known.time[0] + sign * later for sign in ((1,) if row.directed else (1, -1))]
 
 
-def _moved(one: bm.Sighting | None, scale: bm.Scale | None) -> Length | None:
+def _moved(one: bm.motion.Sighting | None, scale: bm.Scale | None) -> Length | None:
     """Path length within the exposure, pixels or meters, and its error."""
     if one is None:
         return None
@@ -254,7 +262,7 @@ def _in_space(rows: Rows, places: Places) -> list[str]:
     return [*said, f"From {first} to {last}; {axes} {_errors(reliable)}", _speeds(reliable)]
 
 
-def _sources(balls: Sequence[bm.BallPlace]) -> str:
+def _sources(balls: Sequence[bm.motion.BallPlace]) -> str:
     """What places were measured from."""
     fitted = sum(ball.source == "ball" for ball in balls)
     discs = sum(ball.source == "sweep" for ball in balls)
@@ -269,7 +277,7 @@ def _sources(balls: Sequence[bm.BallPlace]) -> str:
     return ", ".join(said)
 
 
-def _errors(balls: Sequence[bm.BallPlace]) -> str:
+def _errors(balls: Sequence[bm.motion.BallPlace]) -> str:
     """The error of the distance and its sources."""
     shapes = [ball for ball in balls if ball.source != "moments"]
     if not shapes:
@@ -282,7 +290,7 @@ def _errors(balls: Sequence[bm.BallPlace]) -> str:
     return f"{single}, radius and camera all of them to {shared:.1%}."
 
 
-def _speeds(balls: Sequence[bm.BallPlace]) -> str:
+def _speeds(balls: Sequence[bm.motion.BallPlace]) -> str:
     fast = sorted((b for b in balls if b.velocity is not None), key=lambda ball: ball.speed)
     if not fast:
         return (

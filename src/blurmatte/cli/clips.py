@@ -14,8 +14,8 @@ import blurmatte as bm
 from blurmatte.cli.console import about, complain, waiting, with_progress
 from blurmatte.cli.quantities import Direction
 
-Places: TypeAlias = "Sequence[bm.BallPlace | None]"
-Record: TypeAlias = "Callable[[bm.FrameSightings], None]"
+Places: TypeAlias = "Sequence[bm.motion.BallPlace | None]"
+Record: TypeAlias = "Callable[[bm.motion.FrameSightings], None]"
 
 _MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than they save
 
@@ -32,19 +32,21 @@ class KnownBall:
         self,
         frames: bm.Frames[bm.LinearImage],
         plate: bm.LinearImage,
-        rows: Sequence[bm.FrameMotion],
+        rows: Sequence[bm.motion.FrameMotion],
         model: bm.ColorModel,
         workers: bm.Workers,
     ) -> Places:
         """Where it was in space in each row."""
-        fits = bm.fit_balls(frames, plate, rows, model, self.lens, *self.radius, workers=workers)
+        fits = bm.motion.fit_balls(
+            frames, plate, rows, model, self.lens, *self.radius, workers=workers
+        )
         balls = list(with_progress(fits, "fitting the ball in space", len(rows)))
-        return bm.places_in_space(
+        return bm.motion.places_in_space(
             rows, self.lens, *self.radius, balls=balls, line_time=self.line_time
         )
 
     def moved(
-        self, ball: bm.BallPlace | None, seen: bm.Sighting | None
+        self, ball: bm.motion.BallPlace | None, seen: bm.motion.Sighting | None
     ) -> tuple[float, float] | None:
         """Path length within the exposure and its error, meters; of a disc parallel to the picture."""
         if ball is None or seen is None:
@@ -80,7 +82,7 @@ class ClipTask:
         return None if self.out is None else self.out.with_name(f"{self.out.name}.unfinished")
 
     @contextmanager
-    def recorded(self) -> Iterator[tuple[list[bm.FrameSightings], Record]]:
+    def recorded(self) -> Iterator[tuple[list[bm.motion.FrameSightings], Record]]:
         """What an interrupted run with the same inputs and settings has measured; what records more."""
         from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
 
@@ -109,7 +111,7 @@ class Measured:
 
     plate: bm.LinearImage
     model: bm.ColorModel
-    rows: list[bm.FrameMotion]
+    rows: list[bm.motion.FrameMotion]
     places: Places | None
     place_std: tuple[float, float]
     radius_std: float = 0.0
@@ -155,7 +157,11 @@ def measure_frames(
         )
         new = with_progress(seen, "measuring", len(frames) - len(old))
         kept = _kept(old, new, record)
-        rows = bm.link_objects(kept, task.min_frames) if task.several else bm.link_sightings(kept)
+        rows = (
+            bm.motion.link_objects(kept, task.min_frames)
+            if task.several
+            else bm.motion.link_sightings(kept)
+        )
         if task.readout is not None:
             rows = [_read_out(row, task.readout) for row in rows]
         places = None
@@ -187,7 +193,7 @@ def _given_color(text: str | None) -> bm.ColorModel | None:
     return bm.ColorModel.from_hex(text)
 
 
-def _read_out(row: bm.FrameMotion, readout: Direction) -> bm.FrameMotion:
+def _read_out(row: bm.motion.FrameMotion, readout: Direction) -> bm.motion.FrameMotion:
     """The row of a camera whose next row lies in this direction."""
     if row.sighting is None:
         return row
@@ -195,8 +201,8 @@ def _read_out(row: bm.FrameMotion, readout: Direction) -> bm.FrameMotion:
 
 
 def _kept(
-    old: Sequence[bm.FrameSightings], new: Iterator[bm.FrameSightings], record: Record
-) -> Iterator[bm.FrameSightings]:
+    old: Sequence[bm.motion.FrameSightings], new: Iterator[bm.motion.FrameSightings], record: Record
+) -> Iterator[bm.motion.FrameSightings]:
     """All frames; each new one is recorded at once."""
     yield from old
     for frame in new:

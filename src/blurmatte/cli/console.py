@@ -298,11 +298,13 @@ def about(path: Path) -> Iterator[list[str]]:
             if not issubclass(category, bm.BlurmatteWarning):
                 usual(message, category, *place)
                 return
-            named = issubclass(category, bm.TransferWarning) or str(message).startswith(f"{path}: ")
+            named = issubclass(category, bm.errors.TransferWarning) or str(message).startswith(
+                f"{path}: "
+            )
             line = in_options(str(message) if named else f"{path}: {message}")
             if line not in said:
                 said.append(line)
-                if not (issubclass(category, bm.TransferWarning) and _was_said(line)):
+                if not (issubclass(category, bm.errors.TransferWarning) and _was_said(line)):
                     warn(line)
 
         warnings.simplefilter("always", bm.BlurmatteWarning)

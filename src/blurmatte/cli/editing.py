@@ -153,7 +153,7 @@ def remove(
 
         def removed(picture: bm.LinearImage, _: bm.Layer, streak: Any) -> Shown:
             """The picture without its streak."""
-            match = bm.fit_match(picture, scene, matching_of(plate.match))
+            match = bm.background.fit_match(picture, scene, matching_of(plate.match))
             return bm.remove(picture, scene, streak, grow, match)
 
         retouch_row(reading, layer, image, out, removed, row)
@@ -164,7 +164,7 @@ def remove(
         )
         picture, scene = read
         with about(plate.plate):
-            match = bm.fit_match(picture, scene, matching_of(plate.match))
+            match = bm.background.fit_match(picture, scene, matching_of(plate.match))
         with about(source):
             check_same_size("the layer", before.size, "the image", picture.size)
             result, touched = bm.remove(picture, scene, streak, grow, match)
@@ -235,7 +235,7 @@ def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
         return Behind(over, picture, placement)
     plate = reading.read(placement.match_light)
     with about(placement.match_light):
-        return Behind(over, picture, placement, bm.light_gain(picture, plate))
+        return Behind(over, picture, placement, bm.compositing.light_gain(picture, plate))
 
 
 def _layer(layer: str, reading: Reading) -> bm.Layer:
@@ -291,7 +291,7 @@ def _write_looks(looks: Looks, done: _Edit, names: str) -> None:
     """Write the sheet and the preview."""
     if looks.sheet is not None:
         with about(looks.sheet):
-            drawn = bm.draw_edit(done.before, done.after, done.picture, done.result, names)
+            drawn = bm.figures.draw_edit(done.before, done.after, done.picture, done.result, names)
             bm.write(looks.sheet, drawn)
     if looks.preview is not None:
         with about(looks.preview):
@@ -317,5 +317,7 @@ def _write_preview(path: Path, done: _Edit, longest: int = 640, rim: float = 0.3
     first, second = without.crop(box), shown.crop(box)
     scale = min(1.0, longest / max(first.size))
     size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
-    frames = bm.fade_between(bm.cover(first, size), bm.cover(second, size))
+    frames = bm.compositing.fade_between(
+        bm.compositing.cover(first, size), bm.compositing.cover(second, size)
+    )
     bm.write_frames(path, frames)

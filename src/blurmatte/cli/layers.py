@@ -46,7 +46,7 @@ def stack(
         source = layers[0] if len(layers) == 1 else layers
         row = bm.read_layers(source, max_pixels=reading.max_pixels)
         watched = with_progress(row, "stacking")
-        whole = bm.long_exposure(watched) if long else bm.stack(watched)
+        whole = bm.compositing.long_exposure(watched) if long else bm.stack(watched)
     result: bm.Layer | bm.LinearImage = whole
     if over is not None:
         picture = reading.read(over)
@@ -64,7 +64,9 @@ def paints(
     layer: Layer,
     color: Annotated[list[str], option("HEX", "The color of a paint; repeat for each.")],
     out: OutFolder,
-    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = bm.MAX_PIXELS,
+    max_pixels: Annotated[
+        int, option("N", "Refuse larger pictures; 200 million.")
+    ] = bm.checks.MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
     """Map how long each paint of an object was at each pixel.
@@ -78,8 +80,8 @@ def paints(
     check_outputs(*exposure_files(out, len(color)), inputs=filter(Path.exists, results))
     with about(layer), waiting("separating the paints"):
         solution = bm.read_solution(layer, max_pixels)
-        exposures = bm.split_exposure(solution, *color)
-        written = bm.save_exposures(out, solution.layer, exposures)
+        exposures = bm.compositing.split_exposure(solution, *color)
+        written = bm.results.save_exposures(out, solution.layer, exposures)
     sums = exposures.fraction.sum(axis=(0, 1), dtype=float)
     areas = list(zip(color, sums, strict=True))
     graded = grade_lines(solution)

@@ -27,7 +27,7 @@ DRAWING = "Drawing"
 
 _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 
-Located: TypeAlias = "bm.BallMotion | bm.PlaneMotion | bm.BlurDepth"
+Located: TypeAlias = "bm.motion.BallMotion | bm.motion.PlaneMotion | bm.motion.BlurDepth"
 
 Numbers = Annotated[Path | None, output("Write all numbers: .json, or .csv of a row.")]
 ExposureTime = Annotated[
@@ -109,7 +109,7 @@ def measure(
     if drawing.overlay is not None and drawing.image is not None:
         picture = reading.read(drawing.image)
         with about(drawing.overlay):
-            bm.write(drawing.overlay, bm.draw_motion(picture, solution, motion))
+            bm.write(drawing.overlay, bm.figures.draw_motion(picture, solution, motion))
     _answer(solution, motion, found, out, as_json)
 
 
@@ -182,21 +182,21 @@ def locate(
             radius, std = space.true_radius
             known = lens, radius, time, std, time_std
             if image is None or plate is None:
-                found.append(bm.measure_ball(_sweep(solution, "--camera"), *known))
+                found.append(bm.motion.measure_ball(_sweep(solution, "--camera"), *known))
             else:
                 picture, behind = reading.read(image), reading.read(plate)
                 matched = bm.match_plate(behind, picture)
-                found.append(bm.fit_ball(picture, matched, *known, solution.sweep))
+                found.append(bm.motion.fit_ball(picture, matched, *known, solution.sweep))
         if lens is not None and speed is not None:
             if time is None:
                 raise ValueError(
                     "--speed needs --exposure: the image's file does not state the time"
                 )
             path, (value, std) = _sweep(solution, "--speed"), speed
-            found.append(bm.depth_from_blur(path, lens, value, time, None, std, time_std))
+            found.append(bm.motion.depth_from_blur(path, lens, value, time, None, std, time_std))
         if plane is not None:
             path = _sweep(solution, "--on-plane")
-            found.append(bm.measure_on_plane(path, plane, time, time_std, *height))
+            found.append(bm.motion.measure_on_plane(path, plane, time, time_std, *height))
     _answer(solution, motion, [motion, *found], out, as_json)
 
 
@@ -244,14 +244,14 @@ def _over_time(motion: bm.Motion) -> dict[str, Any]:
     }
 
 
-def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.Rotation:
+def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.motion.Rotation:
     """The rotation from a turning outline of the sweep, otherwise from alpha."""
     sweep = solution.sweep
     turns = sweep is not None and sweep.silhouette.turns
-    return bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
+    return bm.motion.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
 
 
-def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
+def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.motion.Plane:
     pixels, places = [], []
     for text in points:
         found = re.fullmatch(_POINT, text)
@@ -261,10 +261,10 @@ def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
         places.append([meters("--on-plane", part.strip())[0] for part in found.groups()[2:]])
     if len(pixels) < 4:  # which determine a plane
         raise ValueError(f"give --on-plane for 4 points or more, got {len(pixels)}")
-    return bm.Plane.from_points(pixels, places, lens)
+    return bm.motion.Plane.from_points(pixels, places, lens)
 
 
 def _sweep(solution: bm.Solution, name: str) -> bm.Sweep:
     if solution.sweep is None:
-        raise bm.MotionError(f"no shape on a path explains the streak; {name} needs one")
+        raise bm.errors.MotionError(f"no shape on a path explains the streak; {name} needs one")
     return solution.sweep

@@ -50,7 +50,7 @@ def show(
         if thing is None:
             picture = reading.read(file)
             thing = _layer(file, reading) or picture
-        sheet = bm.draw_look(thing)
+        sheet = bm.figures.draw_look(thing)
     target = out or Path(tempfile.mkdtemp(prefix="blurmatte-")) / f"{file.stem}.png"
     with about(target):
         bm.write(target, sheet)
@@ -175,7 +175,9 @@ def _layer(path: Path, reading: Reading) -> bm.Layer | None:
     """The layer in a picture file, if it has an alpha that is not 1 everywhere."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", bm.TransferWarning)  # reading the picture said it
+            warnings.simplefilter(
+                "ignore", bm.errors.TransferWarning
+            )  # reading the picture said it
             layer = bm.read_layer(path, reading.curve_of(path), reading.max_pixels)
     except bm.FileError:
         return None

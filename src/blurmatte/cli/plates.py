@@ -40,7 +40,7 @@ def plate(
     with about(Path(source[0])):
         fit = bm.make_plate(_watched(reading.frames(source, frames)))
     with about(out):
-        written = bm.save_plate(out, fit)
+        written = bm.results.save_plate(out, fit)
     words, count, size = bm.explain(fit), len(fit.gain), fit.plate.size
     numbers = {"frames": count, "size": size, "in_words": words, "files": written}
     answer(as_json, numbers, [f"plate of {count} frames, {by(size)}", *words, *written])

@@ -59,7 +59,7 @@ def retouch_row(
         numbers = range(start, start + len(frames)) if isinstance(start, int) else start
         files = [target(number) for number in numbers]
         with moved_together(out.parent) as (temporary, names), warnings.catch_warnings():
-            warnings.simplefilter("ignore", bm.TransferWarning)  # given when they were read
+            warnings.simplefilter("ignore", bm.errors.TransferWarning)  # given when they were read
             for name, original, one in zip(files, originals, shown, strict=True):
                 curve = reading.curve_of(original)
                 bm.write_changed(temporary / name, original, *one, curve, reading.max_pixels)

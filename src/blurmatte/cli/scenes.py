@@ -45,10 +45,10 @@ def render(
     Several scenes, and the frames of a clip, each get a folder of their own.
     """
     if list_scenes:
-        titles = {name: bm.scene_title(name) for name in bm.scene_names()}
+        titles = {name: bm.scenes.scene_title(name) for name in bm.scenes.scene_names()}
         answer(as_json, titles, [f"{name:12} {title}" for name, title in titles.items()])
         return
-    names = [*(scenes or ()), *(bm.scene_names() if all_scenes else ())]
+    names = [*(scenes or ()), *(bm.scenes.scene_names() if all_scenes else ())]
     if not names:
         raise ValueError("give a SCENE, or --all, or --list to see what there is")
     if out is None:
@@ -58,15 +58,15 @@ def render(
 
     check_folder(out)
     shots = [
-        (shot, bm.scene_text(name), folder)
+        (shot, bm.scenes.scene_text(name), folder)
         for name, place in with_folders(_scene_paths(names), out)
-        for shot, folder in _numbered(bm.read_shots(name, max_pixels), place)
+        for shot, folder in _numbered(bm.scenes.read_shots(name, max_pixels), place)
     ]
     read = [path for name in names for path in scene_files(name)]
     check_outputs(*(folder / name for *_, folder in shots for name in SHOT_FILES), inputs=read)
     for shot, text, folder in with_progress(shots, "rendering"):
         with about(folder):
-            bm.save_shot(folder, shot, text)
+            bm.scenes.save_shot(folder, shot, text)
         if not as_json:
             say(str(folder / "overview.png"))
     if as_json:
@@ -90,7 +90,7 @@ def score(
     A scene of several that has no result counts as a miss.
     """
     check_file(out, "a table of scores", ".json", ".csv")
-    places = bm.find_scenes(truth)
+    places = bm.scenes.find_scenes(truth)
     read = [file for place in places for file in (place / "truth").iterdir()]
     read += [result / place.relative_to(truth) / "path.json" for place in places]
     check_outputs(out, inputs=read)
@@ -99,17 +99,17 @@ def score(
         name = str(place.relative_to(truth)) if place != truth else truth.name
         try:
             with about(result / name if place != truth else result):
-                given = bm.read_answer(result / name if place != truth else result)
-                scores[name] = bm.score(given, bm.read_truth(place))
+                given = bm.scenes.read_answer(result / name if place != truth else result)
+                scores[name] = bm.scenes.score(given, bm.scenes.read_truth(place))
         except bm.BlurmatteError as error:
             if place == truth:
                 raise
             missing = not (result / name).exists()
             broken |= not missing
             complain(f"{name}: no result, a miss" if missing else f"{error}; a miss")
-            scores[name] = bm.score(None, bm.read_truth(place))
+            scores[name] = bm.scenes.score(None, bm.scenes.read_truth(place))
     numbers = {name: asdict(score) for name, score in scores.items()}
-    answer(as_json, numbers, [bm.score_table(scores)])
+    answer(as_json, numbers, [bm.scenes.score_table(scores)])
     if out is not None:
         rows = [{"scene": name, **row} for name, row in numbers.items()]
         bm.write(out, rows if out.suffix.lower() == ".csv" else numbers)
@@ -119,11 +119,11 @@ def score(
 
 def _scene_paths(names: list[str]) -> list[Path]:
     """The scene files; names of the built-in scenes stay as they are."""
-    own = set(bm.scene_names())
+    own = set(bm.scenes.scene_names())
     return [path for name in names for path in ([Path(name)] if name in own else expanded([name]))]
 
 
-def _numbered(shots: list[bm.Shot], folder: Path) -> list[tuple[bm.Shot, Path]]:
+def _numbered(shots: list[bm.rendering.Shot], folder: Path) -> list[tuple[bm.rendering.Shot, Path]]:
     """Each shot and its folder: `folder` for a single one, otherwise one folder per frame."""
     if len(shots) == 1:
         return [(shots[0], folder)]

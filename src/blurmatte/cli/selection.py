@@ -43,7 +43,7 @@ class Reading:
         option("NAME|FILE.json", "Encoding: srgb, rec709, linear, slog3 …", GENERAL),
     ] = None
     max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.", GENERAL)] = (
-        bm.MAX_PIXELS
+        bm.checks.MAX_PIXELS
     )
 
     @property
@@ -214,7 +214,7 @@ class Selection:
         within = self.inside(image.size)
         if within is None or is_mask(self.region or ""):
             return within
-        found = bm.find_streak_within(within, image, plate)
+        found = bm.streaks.find_streak_within(within, image, plate)
         if found is within:
             warnings.warn(
                 f"no motion is found in --region {self.region}; all of it is taken for the streak",
@@ -266,7 +266,7 @@ class Selection:
         (path,) = self.colors.color or [""]
         model = bm.read_color_model(path)
         if (model.to_srgb is None) != (image.meta.to_srgb is None):
-            raise bm.ColorModelError(
+            raise bm.errors.ColorModelError(
                 f"{path} was found in a picture of another kind: a camera RAW has the "
                 "camera's own colors; find the color in a picture like IMAGE"
             )
@@ -278,7 +278,7 @@ class Selection:
         from blurmatte.radiometry import check_same_colors
 
         if color == "core":
-            return bm.core_colors(image, plate, streak)
+            return bm.color.core_colors(image, plate, streak)
         x, y, *radius = numbers("--color", color, "x,y", "x,y,radius")
         if self.colors.color_from is None:
             return bm.pick_colors(image, x, y, *radius)
@@ -301,12 +301,12 @@ def is_mask(region: str) -> bool:
     return not is_box(region) and (named(region) is not None or Path(region).is_file())
 
 
-def matching_of(name: str) -> bm.Matching | None:
+def matching_of(name: str) -> bm.background.Matching | None:
     """The matching of a name; None: what the pictures ask for."""
-    names = ["auto", *(matching.value for matching in bm.Matching)]
+    names = ["auto", *(matching.value for matching in bm.background.Matching)]
     if name not in names:
         raise ValueError(f"--match must be {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
-    return None if name == "auto" else bm.Matching(name)
+    return None if name == "auto" else bm.background.Matching(name)
 
 
 def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Frames[bm.LinearImage]:

@@ -133,19 +133,21 @@ def _sharpened(
         with about(file):
             solution = bm.read_solution(file, reading.max_pixels)
             if image is None or plate is None or solution.sweep is None:
-                sharp = bm.deblur_solution(solution)  # refuses if there is no path
+                sharp = bm.deblurring.deblur_solution(solution)  # refuses if there is no path
             else:
-                found: bm.Spin | Literal["auto"] | None = "auto" if spin == "auto" else None
+                found: bm.deblurring.Spin | Literal["auto"] | None = (
+                    "auto" if spin == "auto" else None
+                )
                 if spin == "measure":
-                    found = bm.fit_spin(image, plate, solution.sweep)
+                    found = bm.deblurring.fit_spin(image, plate, solution.sweep)
                 sharp = bm.deblur(image, plate, solution.sweep, spin=found)
         if sheet is not None:
             with about(sheet):
-                bm.write(sheet, bm.draw_sharp(sharp, solution.layer, image is not None))
+                bm.write(sheet, bm.figures.draw_sharp(sharp, solution.layer, image is not None))
         yield grade_lines(solution), sharp
 
 
-def _numbers_of(spin: bm.Spin) -> dict[str, Any]:
+def _numbers_of(spin: bm.deblurring.Spin) -> dict[str, Any]:
     """For a machine."""
     return {
         "axis": spin.axis.tolist(),

@@ -58,7 +58,7 @@ class _Task:
     selection: Selection
     occluder: Path | None
     solver: Solver | None
-    matching: bm.Matching | None
+    matching: bm.background.Matching | None
 
 
 @command(
@@ -146,7 +146,7 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
     with about(path) as said:
         log.info("reading the picture")
         C = task.reading.read(path, said)
-        match = bm.fit_match(C, task.plate, task.matching)
+        match = bm.background.fit_match(C, task.plate, task.matching)
         matched = match.apply(task.plate)
         streak = task.selection.streak(C, matched)
         hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
@@ -157,7 +157,7 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
                 task.selection.model(C, matched, streak),
                 _matched(task.solver, match),
                 streak=streak,
-                matching=bm.Matching.NONE,
+                matching=bm.background.Matching.NONE,
                 occluder=hidden,
             )
         agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
@@ -210,7 +210,7 @@ def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReadi
         return reading
     reading = replace(reading, transfer=None)
     with about(image), waiting("finding the transfer curve"):
-        fit = bm.fit_transfer(reading.read(image), reading.read(plate))
+        fit = bm.sweep.fit_transfer(reading.read(image), reading.read(plate))
     also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
     say(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))
     return reading if fit.best is fit.curves[0] else replace(reading, transfer=fit.best.name)
@@ -288,7 +288,7 @@ def _of_light(text: str) -> bm.Shaded:
     return bm.Shaded(light=(r, g, b))
 
 
-def _matched(solver: Solver | None, match: bm.Match) -> Solver | None:
+def _matched(solver: Solver | None, match: bm.background.Match) -> Solver | None:
     """The solver, with its plate in shadow matched like the plate."""
     if isinstance(solver, bm.Shaded) and solver.plate is not None:
         return replace(solver, plate=match.apply(solver.plate))
@@ -309,7 +309,7 @@ def _naming_streaks(
     """Add the streaks that were found to an error, unless a region was given."""
     try:
         yield
-    except (bm.ColorModelError, bm.MotionError) as error:
+    except (bm.errors.ColorModelError, bm.errors.MotionError) as error:
         found = [] if streak is not None else bm.find_streaks(image, plate)
         if not found:
             raise
@@ -346,7 +346,7 @@ def _curve_doubts(
     sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
     if sweep is not None and sweep.silhouette.name == "disc" and sweep.model.rank == 1:
         return []
-    fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
+    fit = bm.sweep.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
         return []
     return [
@@ -355,7 +355,7 @@ def _curve_doubts(
     ]
 
 
-def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
+def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Path) -> list[str]:
     """Alternatives, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain.grade import also_fits
 

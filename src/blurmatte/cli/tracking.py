@@ -223,7 +223,7 @@ def _answer(
     if overlay is not None:
         with waiting("drawing the paths"):
             physical, name = drawn(lines, found, places), task.source.name
-            bm.write(overlay, bm.draw_clip(measured.plate, rows, said, physical, name))
+            bm.write(overlay, bm.figures.draw_clip(measured.plate, rows, said, physical, name))
     remove_unfinished(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}

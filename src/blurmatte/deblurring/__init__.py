@@ -8,3 +8,4 @@ from blurmatte.deblurring.sharp import deblur as deblur
 from blurmatte.deblurring.sharp import deblur_solution as deblur_solution
 from blurmatte.deblurring.spin import Spin as Spin
 from blurmatte.deblurring.spin_fit import fit_spin as fit_spin
+from blurmatte.point_spread import PointSpread as PointSpread

@@ -281,7 +281,7 @@ def _checked_view(
 
 def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
     """The sweep of one ball with the path of its spin, if that was refined; ValueError for others."""
-    check_kind("spin", spin, Spin, "use blurmatte.fit_spin(image, plate, sweep)")
+    check_kind("spin", spin, Spin, "use blurmatte.deblurring.fit_spin(image, plate, sweep)")
     check_kind("sweep", sweeps[0], Sweep, "use blurmatte.fit_sweep(image, plate)")
     if len(sweeps) > 1 or sweeps[0].silhouette.order > 1:
         raise ValueError("a spin is that of one ball in one picture")

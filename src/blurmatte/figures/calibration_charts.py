@@ -30,7 +30,7 @@ def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
     BlurmatteError
         If matplotlib is not installed.
     """
-    check_kind("fit", fit, NoiseFit, "use blurmatte.measure_noise(frames)")
+    check_kind("fit", fit, NoiseFit, "use blurmatte.calibration.measure_noise(frames)")
     figure = new_figure((8.0, 5.5), dpi=110)
     axes = figure.add_subplot(
         xscale="log", yscale="log", xlabel="light, 1 is white", ylabel="standard deviation of light"

@@ -147,7 +147,12 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
         If sizes differ, or the layer is empty.
     """
     check_layer("layer", layer)
-    check_kind("exposures", exposures, Exposures, "use blurmatte.split_exposure(solution, *paints)")
+    check_kind(
+        "exposures",
+        exposures,
+        Exposures,
+        "use blurmatte.compositing.split_exposure(solution, *paints)",
+    )
     height, width, count = exposures.fraction.shape
     check_same_size("the exposures", (width, height), "the layer", layer.size)
     box = _around(layer)

@@ -116,7 +116,7 @@ def _check(
     check_streak("streak", streak)
     if streak is not None:
         check_map("streak.mask", streak.mask, image.valid.shape, kinds="b")
-    check_kind("out", out, PixelMaps | None, "use blurmatte.PixelMaps.empty(height, width)")
+    check_kind("out", out, PixelMaps | None, "use blurmatte.matting.PixelMaps.empty(height, width)")
     check_kind("start", start, Sweep | None, "use Solution.sweep of another frame")
     check_not_gray(image, plate)
 

@@ -250,4 +250,4 @@ class Scene:
 
 def check_scene(name: str, value: object) -> None:
     """Raise TypeError unless it is a Scene."""
-    check_kind(name, value, Scene, "use blurmatte.read_shots(file)[0].scene")
+    check_kind(name, value, Scene, "use blurmatte.scenes.read_shots(file)[0].scene")

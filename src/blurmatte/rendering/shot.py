@@ -113,7 +113,7 @@ class Shot:
 
     def photograph(self, rendering: Rendering) -> tuple[LinearImage, LinearImage]:
         """Image and plate of a rendering of its scene, decoded from files; see `photograph_pair`."""
-        check_kind("rendering", rendering, Rendering, "use blurmatte.render(scene)")
+        check_kind("rendering", rendering, Rendering, "use blurmatte.rendering.render(scene)")
         behind = self.drift.apply(rendering.plate.rgb)
         return photograph_pair(
             self.camera, rendering.image.rgb, behind, self.seed, self.plate_frames, self.crf

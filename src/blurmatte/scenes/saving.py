@@ -61,7 +61,7 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
     FileError
         If the folder cannot be created or written to.
     """
-    check_kind("shot", shot, Shot, "use blurmatte.read_shots(scene)[0]")
+    check_kind("shot", shot, Shot, "use blurmatte.scenes.read_shots(scene)[0]")
     rendering = render(shot.scene)
     image, plate = shot.photograph(rendering)
     through = shot.camera.through_optics

@@ -102,8 +102,8 @@ def score(answer: Answer | None, truth: Truth) -> Score:
     ValueError
         If sizes or numbers of sub-frames differ, or numbers are not finite.
     """
-    check_kind("answer", answer, Answer | None, "use blurmatte.read_answer(file)")
-    check_kind("truth", truth, Truth, "use blurmatte.read_truth(folder)")
+    check_kind("answer", answer, Answer | None, "use blurmatte.scenes.read_answer(file)")
+    check_kind("truth", truth, Truth, "use blurmatte.scenes.read_truth(folder)")
     true = truth.layer
     given = answer or Answer(Layer(0 * true.alpha, 0 * true.premultiplied))
     layer, mirrored = given.layer, LinearImage(truth.plate.rgb[:, ::-1])
@@ -170,7 +170,7 @@ def score_table(scores: Mapping[str, Score]) -> str:
 
 
 def _check_score(score: Score) -> None:
-    check_kind("a score", score, Score, "use blurmatte.score(answer, truth)")
+    check_kind("a score", score, Score, "use blurmatte.scenes.score(answer, truth)")
 
 
 def _cells(score: Score) -> list[str]:

@@ -20,8 +20,8 @@ def linked(places, std=0.1, seed=1, repeats=(), rate=30, times=None):
         before = error
         one = replace(sighting(place + error, np.array([3.0, 0]), 1.0), x_std=std, y_std=std)
         time = k / rate if times is None else times(k)
-        frames.append(bm.FrameSightings(k, time, (one,)))
-    return bm.link_sightings(frames)
+        frames.append(bm.motion.FrameSightings(k, time, (one,)))
+    return bm.motion.link_sightings(frames)
 
 
 def captured(frames, speed=8.0):
@@ -52,7 +52,7 @@ def test_captures_of_a_converted_clip_are_equally_spaced(shown, rate):
     kept = [row for row in rows if row.frame not in repeats]
     assert np.diff([row.time for row in kept]) == pytest.approx(1 / 24, rel=0.01)
     assert [row.time for row in rows] == sorted(row.time for row in rows)
-    fall = bm.fit_fall(rows)
+    fall = bm.motion.fit_fall(rows)
     ay = 0.1 * 24**2
     std = fall.acceleration_covariance[1, 1] ** 0.5
     assert abs(fall.acceleration[1] - ay) < 3 * std < 0.05 * ay

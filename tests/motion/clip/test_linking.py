@@ -15,7 +15,7 @@ def sighting(place, velocity, radius=8.0, source="sweep"):
     x, y = map(float, place)
     vx, vy = (OPEN * np.asarray(velocity, float) * (1 if velocity[0] >= 0 else -1)).tolist()
     length, angle = float(np.hypot(vx, vy)), float(np.arctan2(vy, vx))
-    return bm.Sighting(
+    return bm.motion.Sighting(
         x, y, 0.05, 0.05, 0.0, vx, vy, 0.1, 0.1, length, 0.1, angle, 0.01, radius, 0.05,
         x - vx / 2, y - vy / 2, x + vx / 2, y + vy / 2, "#ffffff", radius**3, source, "parabola",
         "disc", 1.0, False, True, "",
@@ -43,7 +43,7 @@ def frames_of(*flights, count=13, radii=(8.0, 8.0, 5.0)):
             else:
                 found.append(sighting(place, velocity, radius))
         order = np.random.default_rng(k).permutation(len(found))
-        frames.append(bm.FrameSightings(k, k / 30, tuple(found[i] for i in order)))
+        frames.append(bm.motion.FrameSightings(k, k / 30, tuple(found[i] for i in order)))
     return frames
 
 
@@ -52,7 +52,7 @@ def test_objects_keep_their_numbers_when_paths_cross():
     frames = frames_of(ONE, TWO)
     merged = [frame.frame for frame in frames if len(frame.found) == 1]
     assert merged == [6]
-    rows = bm.link_objects(frames)
+    rows = bm.motion.link_objects(frames)
     for row in rows:
         if row.frame in merged:
             assert row.sighting is None
@@ -70,7 +70,7 @@ def test_objects_keep_their_numbers_when_paths_cross():
 def test_streak_direction_predicts_next_frame():
     """Oracle: in the second frame each is nearer to the other's first position."""
     flights = [thrown((120, 50), (40, 0), 0), thrown((160, 20), (-40, 0), 0)]
-    rows = bm.link_objects(frames_of(*flights, count=4))
+    rows = bm.motion.link_objects(frames_of(*flights, count=4))
     assert [{row.sighting.y for row in rows if row.object == n} for n in (1, 2)] in (
         [{50}, {20}],
         [{20}, {50}],
@@ -82,31 +82,31 @@ def test_object_in_too_few_frames_is_dropped():
     frames = frames_of(ONE)
     stray = sighting((150, 200), (3, 1), 4.0)
     frames[3:5] = [replace(f, found=(*f.found, stray)) for f in frames[3:5]]
-    rows = bm.link_objects(frames)
+    rows = bm.motion.link_objects(frames)
     assert {row.object for row in rows} == {1}
     assert [row.others for row in rows[2:6]] == [0, 1, 1, 0]
-    asked = bm.link_objects(frames, least=2)
+    asked = bm.motion.link_objects(frames, least=2)
     assert [row.object for row in asked if row.frame in (3, 4)] == [1, 2, 1, 2]
-    only = bm.link_objects(frames[3:5])
+    only = bm.motion.link_objects(frames[3:5])
     assert [row.sighting for row in only] == [None, None]
     assert "2 streaks of the color ignored" in only[0].reason
     with pytest.raises(ValueError, match="least must be at least 1, got 0"):
-        bm.link_objects(frames, least=0)
+        bm.motion.link_objects(frames, least=0)
 
 
 def test_link_objects_equals_link_sightings_for_one_object():
     """Invariant: for a clip of one object."""
     frames = frames_of(ONE)
-    assert bm.link_objects(frames) == bm.link_sightings(frames)
+    assert bm.motion.link_objects(frames) == bm.motion.link_sightings(frames)
 
 
 def test_each_object_has_its_acceleration():
     """Oracle: the acceleration of each from its own rows."""
     small = thrown((150, 10), (3, 1), 1.0)
-    rows = bm.link_objects(frames_of(ONE, TWO, small))
+    rows = bm.motion.link_objects(frames_of(ONE, TWO, small))
     found = []
     for number in (1, 2, 3):
-        fall = bm.fit_fall([row for row in rows if row.object == number])
+        fall = bm.motion.fit_fall([row for row in rows if row.object == number])
         assert fall.fits
         found.append(fall.acceleration[1] / 900)
     assert sorted(found) == pytest.approx([1, 2, 2], abs=0.01)
@@ -114,7 +114,7 @@ def test_each_object_has_its_acceleration():
 
 def test_two_balls_in_rendered_clip():
     """Honest: rendered and photographed; places, sizes and velocities within their errors."""
-    size, camera, rng = (150, 90), bm.Camera(code_std=1 / 255), np.random.default_rng(0)
+    size, camera, rng = (150, 90), bm.rendering.Camera(code_std=1 / 255), np.random.default_rng(0)
     plate, color = colorful_plate(size, 2, tile=24), (0.7, 0.95, 0.05)
     frames = []
     for k in range(3):
@@ -122,7 +122,9 @@ def test_two_balls_in_rendered_clip():
         for y, vx, radius in ((25, 18, 7), (65, -20, 6)):
             x = 75 + (k - 1) * vx
             path = bm.Trajectory.line((x - vx / 4, y), (x + vx / 4, y))
-            light = bm.render(bm.Scene(light, path, bm.Ball(radius, color=color))).image.rgb
+            light = bm.rendering.render(
+                bm.rendering.Scene(light, path, bm.rendering.Ball(radius, color=color))
+            ).image.rgb
         frames.append(camera.photograph(light, rng))
     model = bm.ColorModel(np.array(color)[:, None] / np.linalg.norm(color))
     rows = bm.measure_clip(frames, camera.photograph(plate, rng), model, several=True, rate=30)
@@ -136,12 +138,14 @@ def test_two_balls_in_rendered_clip():
         assert abs(s.vx - vx / 2) < 5 * s.vx_std
 
 
-@pytest.mark.parametrize("link", [bm.link_sightings, bm.link_objects])
+@pytest.mark.parametrize("link", [bm.motion.link_sightings, bm.motion.link_objects])
 def test_coding_artifacts_are_ignored(link):
     """door: artifacts of a codec before the ball appears are not on its track."""
     rng = np.random.default_rng(0)
     specks = [
-        bm.FrameSightings(k, k / 30, (sighting(rng.uniform(20, 280, 2), np.array([3, 0]), 1.0),))
+        bm.motion.FrameSightings(
+            k, k / 30, (sighting(rng.uniform(20, 280, 2), np.array([3, 0]), 1.0),)
+        )
         for k in range(6)
     ]
     flown = frames_of(ONE)

@@ -29,7 +29,7 @@ def at(t):
 
 
 def sighting(x, y, radius, std=(0.05, 0.02), doubts=""):
-    return bm.Sighting(
+    return bm.motion.Sighting(
         float(x), float(y), std[0], std[0], 0.0, 9.0, 0.0, 0.1, 0.1, 9.0, 0.1, 0.0, 0.01,
         float(radius), std[1], x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0,
         False, True, doubts,
@@ -37,7 +37,7 @@ def sighting(x, y, radius, std=(0.05, 0.02), doubts=""):
 
 
 def row(k, t, one, track=1):
-    return bm.FrameMotion(k, t, one, track, True, object=1)
+    return bm.motion.FrameMotion(k, t, one, track, True, object=1)
 
 
 def fitted(X, true, lens, radius, rng=None, noise=(0.05, 0.02)):
@@ -58,7 +58,7 @@ def fitted(X, true, lens, radius, rng=None, noise=(0.05, 0.02)):
 def clip(true=LENS, lens=LENS, radius=(RADIUS, 0.0), rng=None):
     balls = [fitted(at(t), true, lens, radius, rng) for t in TIMES]
     rows = [row(k, float(t), sighting(640, 360, 9)) for k, t in enumerate(TIMES)]
-    return bm.places_in_space(rows, lens, *radius, balls=balls)
+    return bm.motion.places_in_space(rows, lens, *radius, balls=balls)
 
 
 def test_positions_and_velocities_of_flight():
@@ -69,7 +69,7 @@ def test_positions_and_velocities_of_flight():
     assert_allclose([ball.velocity for ball in places], true, atol=1e-6)
     assert_allclose([ball.speed for ball in places], np.linalg.norm(true, axis=1))
     numbers = places[2].numbers()
-    assert tuple(numbers) == bm.BallPlace.names
+    assert tuple(numbers) == bm.motion.BallPlace.names
     assert numbers["ball_z"] == places[2].place[2]
     assert numbers["ball_velocity_y_std"] == places[2].velocity_std[1]
     assert numbers["ball_source"] == "ball"
@@ -96,23 +96,25 @@ def test_errors_have_unit_z_scores():
 
 def test_position_from_disc_without_fitted_ball():
     """Oracle: the closed form, its source, and the error of the distance."""
-    places = bm.places_in_space([row(0, 0.0, sighting(700, 300, 9.0))], LENS, RADIUS)
+    places = bm.motion.places_in_space([row(0, 0.0, sighting(700, 300, 9.0))], LENS, RADIUS)
     X = RADIUS * positions_of_discs(LENS, np.array([[700.0, 300.0]]), 9.0)[0]
     assert_allclose(places[0].place, X)
     assert places[0].distance_std / places[0].distance == pytest.approx(0.02 / 9, rel=0.01)
     assert (places[0].source, places[0].velocity) == ("sweep", None)
     assert places[0].numbers()["ball_velocity_x"] is None
-    with pytest.raises(bm.MotionError, match="a velocity needs the position in two more frames"):
+    with pytest.raises(
+        bm.errors.MotionError, match="a velocity needs the position in two more frames"
+    ):
         _ = places[0].speed
 
 
 def test_doubtful_positions_do_not_change_velocities():
     """Exact: a doubtful position, a lost frame and another track do not change velocities."""
     rows = [row(k, k / 30, sighting(600 + 9 * k, 300, 9.0)) for k in range(6)]
-    sound = bm.places_in_space(rows, LENS, RADIUS)
+    sound = bm.motion.places_in_space(rows, LENS, RADIUS)
     odd = row(6, 0.2, sighting(900, 100, 4.0, doubts="Hidden."))
     other = row(8, 8 / 30, sighting(300, 300, 9.0), track=2)
-    more = bm.places_in_space([*rows, odd, row(7, 7 / 30, None), other], LENS, RADIUS)
+    more = bm.motion.places_in_space([*rows, odd, row(7, 7 / 30, None), other], LENS, RADIUS)
     assert_allclose([b.velocity for b in more[:6]], [b.velocity for b in sound])
     assert more[6].doubted
     assert more[6].velocity is None
@@ -131,12 +133,14 @@ def test_rolling_shutter_delays_later_rows(readout):
             t = k / 30 + tau * y * DIRECTIONS[readout][1]
         balls.append(fitted(at(t), FLAT, FLAT, (RADIUS, 0.0)))
         rows.append(row(k, k / 30, replace(sighting(640, y, 9), readout=readout)))
-    seen = bm.places_in_space(rows, FLAT, RADIUS, balls=balls, line_time=tau)
+    seen = bm.motion.places_in_space(rows, FLAT, RADIUS, balls=balls, line_time=tau)
     assert_allclose(
         [b.velocity for b in seen], [VELOCITY + b.time * GRAVITY for b in seen], atol=1e-6
     )
-    assert_allclose(bm.fit_fall_in_space(seen).acceleration, GRAVITY, atol=1e-5)
-    unknown = bm.fit_fall_in_space(bm.places_in_space(rows, FLAT, RADIUS, balls=balls))
+    assert_allclose(bm.motion.fit_fall_in_space(seen).acceleration, GRAVITY, atol=1e-5)
+    unknown = bm.motion.fit_fall_in_space(
+        bm.motion.places_in_space(rows, FLAT, RADIUS, balls=balls)
+    )
     assert abs(unknown.size - np.linalg.norm(GRAVITY)) > 0.1
 
 
@@ -145,18 +149,18 @@ def test_fitted_ball_removes_doubts_of_moments():
     odd = sighting(700, 300, 9.0, doubts="Not all is known.")
     rows = [row(0, 0.0, replace(odd, source="moments")), row(1, 0.1, odd)]
     ball = fitted(at(0), LENS, LENS, (RADIUS, 0.0))
-    found = bm.places_in_space(rows, LENS, RADIUS, balls=[ball, ball])
+    found = bm.motion.places_in_space(rows, LENS, RADIUS, balls=[ball, ball])
     assert [place.doubted for place in found] == [False, True]
-    assert bm.places_in_space(rows, LENS, RADIUS)[0].doubted
+    assert bm.motion.places_in_space(rows, LENS, RADIUS)[0].doubted
 
 
 def test_no_velocity_without_times_and_no_position_beyond_the_lens():
     """Exact: no velocity, and no position where the distortion has no inverse."""
     rows = [row(k, None, sighting(600 + 9 * k, 300, 9.0)) for k in range(3)]
-    assert [ball.velocity for ball in bm.places_in_space(rows, LENS, RADIUS)] == [None] * 3
+    assert [ball.velocity for ball in bm.motion.places_in_space(rows, LENS, RADIUS)] == [None] * 3
     barrel = bm.Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
-    assert bm.places_in_space(rows, barrel, RADIUS) == [None] * 3
-    assert bm.places_in_space([], LENS, RADIUS) == []
+    assert bm.motion.places_in_space(rows, barrel, RADIUS) == [None] * 3
+    assert bm.motion.places_in_space([], LENS, RADIUS) == []
 
 
 def test_fit_balls_in_rendered_frames():
@@ -181,13 +185,13 @@ def test_fit_balls_in_rendered_frames():
     rows += [row(2, 2 / 30, replace(rows[0].sighting, source="moments"))]
     model = bm.ColorModel.from_samples(color, std=0)
     empty = LinearImage(plate, noise=known)
-    found = list(bm.fit_balls(frames, empty, rows, model, lens, 0.02))
+    found = list(bm.motion.fit_balls(frames, empty, rows, model, lens, 0.02))
     assert found[2] is None
     for ball, (a, b) in zip(found, ends, strict=False):
         off = ball.positions - [a, (a + b) / 2, b]
         assert np.abs(off / ball.positions_std).max() < 4.5
         assert abs(ball.depth / (a + b)[2] * 2 - 1) < 0.02
-    any_color = bm.fit_balls(frames, empty, rows, bm.ColorModel.any(), lens, 0.02)
+    any_color = bm.motion.fit_balls(frames, empty, rows, bm.ColorModel.any(), lens, 0.02)
     assert list(any_color) == [None] * 3
 
 
@@ -195,19 +199,19 @@ def test_invalid_input_is_rejected():
     """Door: no radius, a negative error, intrinsics of another size."""
     rows = [row(0, 0.0, sighting(700, 300, 9.0))]
     with pytest.raises(ValueError, match="radius must be finite and above 0, got 0"):
-        bm.places_in_space(rows, LENS, 0)
+        bm.motion.places_in_space(rows, LENS, 0)
     with pytest.raises(ValueError, match="radius_std must be finite and not negative"):
-        bm.places_in_space(rows, LENS, RADIUS, -1)
+        bm.motion.places_in_space(rows, LENS, RADIUS, -1)
     with pytest.raises(ValueError, match="line_time must be finite seconds, got inf"):
-        bm.places_in_space(rows, LENS, RADIUS, line_time=np.inf)
+        bm.motion.places_in_space(rows, LENS, RADIUS, line_time=np.inf)
     with pytest.raises(ValueError, match="is it in microseconds"):
-        bm.places_in_space(rows, LENS, RADIUS, line_time=15e-3)
+        bm.motion.places_in_space(rows, LENS, RADIUS, line_time=15e-3)
     other = replace(LENS, size=(1280, 720))
     image = LinearImage(np.zeros((4, 6, 3)))
     with pytest.raises(
         ValueError, match="calibrated with pictures of 1280x720 pixels, and this has 6x4"
     ):
-        list(bm.fit_balls([image], image, rows, bm.ColorModel.any(), other, RADIUS))
+        list(bm.motion.fit_balls([image], image, rows, bm.ColorModel.any(), other, RADIUS))
 
 
 class Damaged(list):
@@ -231,5 +235,5 @@ def test_balls_belong_to_the_rows_of_their_frames(monkeypatch):
     model = bm.ColorModel.from_samples([0.8, 0.3, 0.1], std=0)
     lens = bm.Intrinsics(60, 60, 20, 15, size=size)
     empty = LinearImage(np.full((30, 40, 3), 0.1), noise=known)
-    found = list(bm.fit_balls(frames, empty, rows, model, lens, 0.02))
+    found = list(bm.motion.fit_balls(frames, empty, rows, model, lens, 0.02))
     assert found == [pytest.approx(0.0), None, pytest.approx(0.2)]

@@ -26,14 +26,14 @@ def assumed(light):
 def scene():
     """A frame, a plate, and the row of the ball in it."""
     plate = plain_plate((96, 72), (0.12, 0.13, 0.16), 4)
-    ball = bm.Ball(RADIUS, color=(0.8, 0.6, 0.2), ambient=1.0)
-    truth = bm.render(bm.Scene(plate, bm.Trajectory.line(START, END), ball))
+    ball = bm.rendering.Ball(RADIUS, color=(0.8, 0.6, 0.2), ambient=1.0)
+    truth = bm.rendering.render(bm.rendering.Scene(plate, bm.Trajectory.line(START, END), ball))
     noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
-    seen = bm.Sighting(
+    seen = bm.motion.Sighting(
         45, 34, 0.1, 0.1, 0.0, 30.0, 8.0, 0.1, 0.1, 31.0, 0.1, 0.26, 0.01, RADIUS, 0.1,
         *START, *END, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, "",
     )  # fmt: skip
-    row = bm.FrameMotion(4, 0.1, seen, 1)
+    row = bm.motion.FrameMotion(4, 0.1, seen, 1)
     return assumed(truth.image.rgb + noise[0]), assumed(truth.plate.rgb + noise[1]), row
 
 

@@ -123,7 +123,7 @@ def test_outline_is_tangent_and_gives_position(X):
 def test_fit_ball_finds_positions(sag):
     """exact: with little noise, to a thousandth of the depth."""
     image, plate, sweep = photographed(0, sag, 2e-4)
-    motion = bm.fit_ball(image, plate, LENS, RADIUS, EXPOSURE, sweep=sweep)
+    motion = bm.motion.fit_ball(image, plate, LENS, RADIUS, EXPOSURE, sweep=sweep)
     assert motion.path == ("parabola" if sag else "line")
     assert_allclose(motion.positions, true_positions(sag), atol=5e-4)
     assert_allclose(
@@ -141,7 +141,7 @@ def test_errors_have_unit_z_scores():
     z, of_length, within = [], [], []
     for seed in range(8):
         image, plate, sweep = photographed(seed)
-        motion = bm.fit_ball(image, plate, LENS, RADIUS, EXPOSURE, sweep=sweep)
+        motion = bm.motion.fit_ball(image, plate, LENS, RADIUS, EXPOSURE, sweep=sweep)
         off = motion.positions - true_positions()
         z.append(off / motion.positions_std)
         of_length.append((motion.length - np.linalg.norm(END - START)) / motion.length_std)
@@ -156,7 +156,9 @@ def test_measure_ball_assumes_constant_distance():
     """exact: the closed form, and the errors of each source."""
     _, _, sweep = photographed(0)
     known = replace(LENS, covariance=np.diag([9.0, 9, 4, 4, 0, 0, 0, 0]))
-    motion = bm.measure_ball(sweep, known, RADIUS, EXPOSURE, radius_std=2e-4, exposure_std=1e-3)
+    motion = bm.motion.measure_ball(
+        sweep, known, RADIUS, EXPOSURE, radius_std=2e-4, exposure_std=1e-3
+    )
     X = RADIUS * positions_of_discs(LENS, LINE.at(sweep.path, np.array([0, 0.5, 1]))[0], 14.2)
     assert_allclose(motion.positions, X)
     assert_allclose(motion.parts["radius"], 0.01)
@@ -176,13 +178,13 @@ def test_invalid_input_is_rejected():
     """door: ranges, missing numbers, rejected sweeps, and other cameras."""
     image, plate, sweep = photographed(0)
     with pytest.raises(ValueError, match="radius must be finite and above 0, got -1"):
-        bm.measure_ball(sweep, LENS, -1)
+        bm.motion.measure_ball(sweep, LENS, -1)
     with pytest.raises(ValueError, match="exposure_std must be finite and not negative"):
-        bm.measure_ball(sweep, LENS, 1, 1, exposure_std=-1)
+        bm.motion.measure_ball(sweep, LENS, 1, 1, exposure_std=-1)
     with pytest.raises(TypeError, match="sweep must be a Sweep, got Trajectory"):
-        bm.measure_ball(sweep.trajectory, LENS, 1)
-    with pytest.raises(bm.MotionError, match="a velocity needs the exposure_time"):
-        _ = bm.measure_ball(sweep, LENS, RADIUS).speed
+        bm.motion.measure_ball(sweep.trajectory, LENS, 1)
+    with pytest.raises(bm.errors.MotionError, match="a velocity needs the exposure_time"):
+        _ = bm.motion.measure_ball(sweep, LENS, RADIUS).speed
     for diagnostics, said in (
         (
             Diagnostics(residual_excess=3.0),
@@ -191,13 +193,13 @@ def test_invalid_input_is_rejected():
         (Diagnostics("leaves the streak"), "streak: the fit leaves the streak; give a ball"),
         (Diagnostics(converged=False), "streak: the fit did not converge"),
     ):
-        with pytest.raises(bm.MotionError, match=said):
-            bm.measure_ball(replace(sweep, diagnostics=diagnostics), LENS, RADIUS)
+        with pytest.raises(bm.errors.MotionError, match=said):
+            bm.motion.measure_ball(replace(sweep, diagnostics=diagnostics), LENS, RADIUS)
     other = replace(LENS, size=(640, 480))
     with pytest.raises(ValueError, match="pictures of 640x480 pixels, and this has 190x120"):
-        bm.measure_ball(sweep, other, RADIUS)
+        bm.motion.measure_ball(sweep, other, RADIUS)
     barrel = bm.Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
-    with pytest.raises(bm.MotionError, match="distortion can"):
-        bm.measure_ball(sweep, barrel, RADIUS)
-    with pytest.raises(bm.MotionError, match="the camera's distortion can be undone"):
-        bm.fit_ball(image, plate, barrel, RADIUS, sweep=sweep)
+    with pytest.raises(bm.errors.MotionError, match="distortion can"):
+        bm.motion.measure_ball(sweep, barrel, RADIUS)
+    with pytest.raises(bm.errors.MotionError, match="the camera's distortion can be undone"):
+        bm.motion.fit_ball(image, plate, barrel, RADIUS, sweep=sweep)

@@ -18,7 +18,7 @@ def path_of(direction, error=0.0):
 
 def test_depth_of_motion_parallel_to_picture():
     """exact: f v T / L, with distortion."""
-    depth = bm.depth_from_blur(path_of([1, -0.3, 0]), LENS, SPEED, EXPOSURE)
+    depth = bm.motion.depth_from_blur(path_of([1, -0.3, 0]), LENS, SPEED, EXPOSURE)
     assert_allclose([depth.start, depth.end, depth.depth], 6.0)
     assert "parallel to the picture" in " ".join(bm.explain(depth))
 
@@ -29,7 +29,7 @@ def test_depth_of_motion_in_known_direction(direction, sign):
     """exact: at both ends, for both signs of the direction."""
     shift = SPEED * EXPOSURE * np.array(direction) / np.linalg.norm(direction)
     given = sign * np.array(direction)
-    depth = bm.depth_from_blur(path_of(direction), LENS, SPEED, EXPOSURE, given)
+    depth = bm.motion.depth_from_blur(path_of(direction), LENS, SPEED, EXPOSURE, given)
     assert_allclose([depth.start, depth.end], [6, 6 + shift[2]], rtol=1e-8)
     assert_allclose(depth.off, 0, atol=1e-6)
     assert "0.0° off the plane" in " ".join(bm.explain(depth))
@@ -37,7 +37,9 @@ def test_depth_of_motion_in_known_direction(direction, sign):
 
 def test_off_is_angle_of_inconsistent_direction():
     """exact: the angle to the plane through the streak."""
-    depth = bm.depth_from_blur(path_of([1, 0, 0]), LENS, SPEED, EXPOSURE, [1, np.tan(0.1), 0])
+    depth = bm.motion.depth_from_blur(
+        path_of([1, 0, 0]), LENS, SPEED, EXPOSURE, [1, np.tan(0.1), 0]
+    )
     assert 0.08 < depth.off < 0.101
 
 
@@ -49,7 +51,7 @@ def test_errors_have_unit_z_scores(direction):
     for _ in range(150):
         path = path_of([1, -0.3, 0] if direction is None else direction, rng.normal(0, 0.3, (2, 2)))
         speed, time = SPEED + rng.normal(0, 0.2), EXPOSURE * (1 + rng.normal(0, 0.01))
-        depth = bm.depth_from_blur(
+        depth = bm.motion.depth_from_blur(
             path, LENS, speed, time, direction, 0.2, 0.01 * EXPOSURE, path_std=0.3
         )
         z.append((depth.depth - true) / depth.depth_std)
@@ -61,10 +63,10 @@ def test_invalid_input_is_rejected():
     """door: numbers out of range, and a streak without a length."""
     path = path_of([1, 0, 0])
     with pytest.raises(ValueError, match="speed must be finite and above 0, got 0"):
-        bm.depth_from_blur(path, LENS, 0, EXPOSURE)
+        bm.motion.depth_from_blur(path, LENS, 0, EXPOSURE)
     with pytest.raises(ValueError, match="exposure_time must be finite and above 0"):
-        bm.depth_from_blur(path, LENS, 1, -1)
+        bm.motion.depth_from_blur(path, LENS, 1, -1)
     with pytest.raises(ValueError, match=r"direction must be \(x, y, z\)"):
-        bm.depth_from_blur(path, LENS, 1, 1, [0, 0, 0])
-    with pytest.raises(bm.MotionError, match="no motion along direction"):
-        bm.depth_from_blur(bm.Trajectory.line((5, 5), (5, 5)), LENS, 1, 1)
+        bm.motion.depth_from_blur(path, LENS, 1, 1, [0, 0, 0])
+    with pytest.raises(bm.errors.MotionError, match="no motion along direction"):
+        bm.motion.depth_from_blur(bm.Trajectory.line((5, 5), (5, 5)), LENS, 1, 1)

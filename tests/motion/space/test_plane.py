@@ -39,12 +39,12 @@ def sweep_between(start, end, std=0.2):
 def test_locate_inverts_projection(by):
     """exact: on the plane and above it, with distortion."""
     if by == "points":
-        plane = bm.Plane.from_points(seen(on_ground(CORNERS)), CORNERS, LENS)
+        plane = bm.motion.Plane.from_points(seen(on_ground(CORNERS)), CORNERS, LENS)
     else:
         from scipy.spatial.transform import Rotation
 
         turn = Rotation.from_matrix(ROTATION).as_rotvec() if by == "vector" else ROTATION
-        plane = bm.Plane.from_pose(LENS, turn, TRANSLATION)
+        plane = bm.motion.Plane.from_pose(LENS, turn, TRANSLATION)
     there = np.array([[0.5, 1], [-2, 7], [3, 20]])
     assert_allclose(plane.locate(seen(on_ground(there))), there, atol=1e-8)
     assert_allclose(plane.locate(seen(on_ground(there, 0.8)), 0.8), there, atol=1e-8)
@@ -56,7 +56,7 @@ def test_homography_agrees_with_opencv():
     cv2 = pytest.importorskip("cv2")
     pixels = seen(on_ground(CORNERS[:4]))
     H, _ = cv2.findHomography(CORNERS[:4], pixels)
-    ours = bm.Plane.from_points(pixels, CORNERS[:4]).homography
+    ours = bm.motion.Plane.from_points(pixels, CORNERS[:4]).homography
     assert_allclose(ours / ours[2, 2], H / H[2, 2], rtol=1e-5, atol=1e-9)
 
 
@@ -64,13 +64,13 @@ def test_speed_of_object_above_plane():
     """exact: positions and speed at a height above the plane, and the error without the height."""
     start, end, h = np.array([-2.0, 4]), np.array([1.0, 5]), 0.6
     sweep = sweep_between(*seen(on_ground([start, end], h)))
-    plane = bm.Plane.from_pose(LENS, ROTATION, TRANSLATION)
-    motion = bm.measure_on_plane(sweep, plane, 0.1, height=h)
+    plane = bm.motion.Plane.from_pose(LENS, ROTATION, TRANSLATION)
+    motion = bm.motion.measure_on_plane(sweep, plane, 0.1, height=h)
     assert_allclose([motion.start, motion.end], [start, end], atol=1e-8)
     # A straight path in the picture is not quite one on the plane, if the lens bends it.
     assert_allclose(motion.speed, np.hypot(3, 1) / 0.1, rtol=1e-3)
     assert_allclose(motion.displacement, end - start, atol=1e-8)
-    ground = bm.measure_on_plane(sweep, plane, 0.1)
+    ground = bm.motion.measure_on_plane(sweep, plane, 0.1)
     assert_allclose(ground.length, motion.length * 5 / (5 - h), rtol=1e-6)  # 5 m is the camera's
 
 
@@ -82,9 +82,9 @@ def test_errors_have_unit_z_scores():
     z, speeds = [], []
     for _ in range(50):
         pixels = corners + rng.normal(0, 0.4, corners.shape)
-        plane = bm.Plane.from_points(pixels, CORNERS, LENS, pixel_std=0.4)
+        plane = bm.motion.Plane.from_points(pixels, CORNERS, LENS, pixel_std=0.4)
         path = bm.Trajectory.line(*(ends + rng.normal(0, 0.5, ends.shape)))
-        motion = bm.measure_on_plane(
+        motion = bm.motion.measure_on_plane(
             path, plane, T + rng.normal(0, 1e-3), 1e-3, 0.6 + rng.normal(0, 0.05), 0.05, 0.5
         )
         off = np.concatenate([motion.start - start, motion.end - end])
@@ -99,24 +99,26 @@ def test_errors_have_unit_z_scores():
 
 def test_invalid_input_is_rejected():
     """door: degenerate planes, paths beyond the horizon, and missing numbers."""
-    plane = bm.Plane.from_points(seen(on_ground(CORNERS)), CORNERS)
+    plane = bm.motion.Plane.from_points(seen(on_ground(CORNERS)), CORNERS)
     sweep = sweep_between((300.0, 400), (500.0, 420))
     with pytest.raises(ValueError, match="pixels and meters must be four points"):
-        bm.Plane.from_points(np.zeros((3, 2)), np.zeros((3, 2)))
+        bm.motion.Plane.from_points(np.zeros((3, 2)), np.zeros((3, 2)))
     with pytest.raises(ValueError, match="have an inverse: no three points on a line"):
-        bm.Plane.from_points(seen(on_ground(CORNERS[:4])), [[0, 0], [1, 0], [2, 0], [3, 0]])
+        bm.motion.Plane.from_points(seen(on_ground(CORNERS[:4])), [[0, 0], [1, 0], [2, 0], [3, 0]])
     with pytest.raises(ValueError, match=r"pixels must have the shape \(..., 2\), got \(\)"):
         plane.locate(7)
     with pytest.raises(ValueError, match="a height needs intrinsics"):
-        bm.measure_on_plane(sweep, plane, 0.1, height=1)
+        bm.motion.measure_on_plane(sweep, plane, 0.1, height=1)
     with pytest.raises(ValueError, match=r"rotation must be \(3, 3\)"):
-        bm.Plane.from_pose(LENS, np.eye(2), TRANSLATION)
+        bm.motion.Plane.from_pose(LENS, np.eye(2), TRANSLATION)
     with pytest.raises(TypeError, match="path must be a Sweep or a Trajectory"):
-        bm.measure_on_plane([[0, 0], [1, 1]], plane)
-    with pytest.raises(bm.MotionError, match="beyond the plane's horizon"):
-        bm.measure_on_plane(sweep_between((300.0, 2), (500.0, 420)), plane)
-    with pytest.raises(bm.MotionError, match="nothing moved"):
-        bm.measure_on_plane(sweep_between((300.0, 400), (300.0, 400)), plane)
-    with pytest.raises(bm.MotionError, match="needs the exposure_time"):
-        _ = bm.measure_on_plane(sweep, plane).speed
-    assert "The speed is not known" in " ".join(bm.explain(bm.measure_on_plane(sweep, plane)))
+        bm.motion.measure_on_plane([[0, 0], [1, 1]], plane)
+    with pytest.raises(bm.errors.MotionError, match="beyond the plane's horizon"):
+        bm.motion.measure_on_plane(sweep_between((300.0, 2), (500.0, 420)), plane)
+    with pytest.raises(bm.errors.MotionError, match="nothing moved"):
+        bm.motion.measure_on_plane(sweep_between((300.0, 400), (300.0, 400)), plane)
+    with pytest.raises(bm.errors.MotionError, match="needs the exposure_time"):
+        _ = bm.motion.measure_on_plane(sweep, plane).speed
+    assert "The speed is not known" in " ".join(
+        bm.explain(bm.motion.measure_on_plane(sweep, plane))
+    )

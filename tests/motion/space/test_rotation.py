@@ -53,7 +53,7 @@ def solution_of(alpha, std, seed):
 @pytest.mark.parametrize("name", [name for name in FANS if name != "half"])
 def test_finds_center_and_angle(name):
     """exact: with little noise, from alpha alone."""
-    found = bm.measure_rotation(solution_of(alpha_of(name), 0.01, 0), exposure_time=0.02)
+    found = bm.motion.measure_rotation(solution_of(alpha_of(name), 0.01, 0), exposure_time=0.02)
     angle = FANS[name][2]
     assert abs(found.angle - angle) < max(4 * found.angle_std, 1e-3)
     assert np.all(np.abs(found.center - CENTER) < np.maximum(4 * found.center_std, 0.02))
@@ -69,7 +69,7 @@ def test_errors_have_unit_z_scores():
         for name in ("fan", "stick"):
             solution = solution_of(alpha_of(name), 0.04, seed)
             for center in (None, CENTER):
-                found = bm.measure_rotation(solution, center)
+                found = bm.motion.measure_rotation(solution, center)
                 z.append((found.angle - FANS[name][2]) / found.angle_std)
                 if center is None:
                     of_center.append((found.center - CENTER) / found.center_std)
@@ -109,10 +109,12 @@ def test_rotation_from_rendered_pictures():
     """honest: rendered, photographed, solved pixel by pixel; a stick that turns about its middle."""
     stick = Sheet(84, 9, (0.85, 0.4, 0.06))
     rest = bm.Trajectory.line(CENTER, CENTER)
-    scene = bm.Scene(colorful_plate(SIZE, 3, tile=25), rest, stick, Change(spin=(0, 0, 0.4)))
-    truth, camera = bm.render(scene, 100), bm.Camera(code_std=1 / 255)
+    scene = bm.rendering.Scene(
+        colorful_plate(SIZE, 3, tile=25), rest, stick, Change(spin=(0, 0, 0.4))
+    )
+    truth, camera = bm.rendering.render(scene, 100), bm.rendering.Camera(code_std=1 / 255)
     image, plate = (camera.photograph(p.rgb, k) for k, p in enumerate((truth.image, truth.plate)))
-    found = bm.measure_rotation(bm.solve(image, plate, truth.model, bm.Pixelwise()))
+    found = bm.motion.measure_rotation(bm.solve(image, plate, truth.model, bm.Pixelwise()))
     assert abs(found.angle - 0.4) < 4 * found.angle_std
     assert found.angle_std < 0.008
     assert np.all(np.abs(found.center - CENTER) < 4 * found.center_std)
@@ -125,7 +127,7 @@ def test_rotation_of_sweep():
     shape = np.array([8.0, 0.3, 0, -0.6])
     model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
     sweep = bm.Sweep(LINE, path, silhouette, shape, model, 0.04 * np.eye(8) / 4, (80, 60))
-    found = bm.measure_rotation(sweep, exposure_time=0.1, exposure_std=0.01)
+    found = bm.motion.measure_rotation(sweep, exposure_time=0.1, exposure_std=0.01)
     assert_allclose([*found.center, found.angle], [30, 25, 0.6])
     assert_allclose([*found.center_std, found.angle_std], [0.1 / 2**0.5, 0.1 / 2**0.5, 0.1])
     assert_allclose(found.speed_std, 6 * np.hypot(0.1 / 0.6, 0.1))
@@ -148,7 +150,7 @@ def test_error_of_a_sweep_is_that_of_its_turn(order, changes, soft):
     model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
     path = np.array([10.0, 20, 50, 30])
     sweep = bm.Sweep(LINE, path, silhouette, shape, model, np.diag(variances), (80, 60))
-    found = bm.measure_rotation(sweep)
+    found = bm.motion.measure_rotation(sweep)
     assert_allclose([found.angle, found.angle_std], [0.6, np.sqrt(variances[4 + at])])
 
 
@@ -166,8 +168,8 @@ def test_sweep_that_does_not_turn_has_no_rotation(order, changes, soft):
         LINE, np.array([10.0, 20, 50, 30]), silhouette, shape, model, covariance, (80, 60)
     )
     assert not silhouette.turn_slope().any()
-    with pytest.raises(bm.MotionError, match="without rotation"):
-        bm.measure_rotation(sweep)
+    with pytest.raises(bm.errors.MotionError, match="without rotation"):
+        bm.motion.measure_rotation(sweep)
 
 
 def test_undetermined_rotation_is_rejected():
@@ -176,28 +178,28 @@ def test_undetermined_rotation_is_rejected():
     disc = np.clip(40 - np.hypot(x - CENTER[0], y - CENTER[1]), 0, 1)
     for alpha in (0.4 * disc, 0 * disc):
         for center in (None, CENTER):
-            with pytest.raises(bm.MotionError):
-                bm.measure_rotation(solution_of(alpha, 0.01, 0), center)
+            with pytest.raises(bm.errors.MotionError):
+                bm.motion.measure_rotation(solution_of(alpha, 0.01, 0), center)
     straight = np.clip((x - 20) / 40, 0, 1) * np.clip((100 - x) / 40, 0, 1) * (abs(y - 50) < 9)
-    with pytest.raises(bm.MotionError):
-        bm.measure_rotation(solution_of(straight, 0.01, 0))
+    with pytest.raises(bm.errors.MotionError):
+        bm.motion.measure_rotation(solution_of(straight, 0.01, 0))
 
 
 def test_half_turn_of_stick_is_rejected():
     """door: alpha is constant along circles; the message lists the possible turns."""
-    with pytest.raises(bm.MotionError, match="of 180° if it is a stick with two ends"):
-        bm.measure_rotation(solution_of(alpha_of("half"), 0.01, 0))
+    with pytest.raises(bm.errors.MotionError, match="of 180° if it is a stick with two ends"):
+        bm.motion.measure_rotation(solution_of(alpha_of("half"), 0.01, 0))
 
 
 def test_ambiguous_angles_are_named():
     """door: unless they agree within their errors."""
     one, same, other = (
-        bm.Rotation(CENTER, np.radians(angle), np.diag([0.01, 0.01, 1e-4]))
+        bm.motion.Rotation(CENTER, np.radians(angle), np.diag([0.01, 0.01, 1e-4]))
         for angle in (188.3, 189.0, 371.2)
     )
     _check_same(one, same)
     with pytest.raises(
-        bm.MotionError, match=r"by 188\.3° or by 371\.2°: both explain alpha equally"
+        bm.errors.MotionError, match=r"by 188\.3° or by 371\.2°: both explain alpha equally"
     ):
         _check_same(other, one)
 
@@ -205,6 +207,6 @@ def test_ambiguous_angles_are_named():
 def test_invalid_input_is_rejected():
     """door: other types, and a center of three coordinates."""
     with pytest.raises(TypeError, match="thing must be a Solution or a Sweep, got int"):
-        bm.measure_rotation(3)
+        bm.motion.measure_rotation(3)
     with pytest.raises(ValueError, match=r"center must be a point \(x, y\)"):
-        bm.measure_rotation(solution_of(alpha_of("fan"), 0.01, 0), [1, 2, 3])
+        bm.motion.measure_rotation(solution_of(alpha_of("fan"), 0.01, 0), [1, 2, 3])

@@ -79,18 +79,18 @@ def test_probability_is_uniform_for_frames_that_agree():
 
 
 def test_precise_prior_sets_the_radius_and_its_error(pictures):
-    free = bm.solve(*pictures, matching=bm.Matching.NONE).sweep
+    free = bm.solve(*pictures, matching=bm.background.Matching.NONE).sweep
     known = bm.solve(
-        *pictures, matching=bm.Matching.NONE, prior=MotionPrior(6.0, 0.01, is_disc=True)
+        *pictures, matching=bm.background.Matching.NONE, prior=MotionPrior(6.0, 0.01, is_disc=True)
     ).sweep
     assert abs(known.radius - 6) < 0.05
     assert known.radius_std < free.radius_std / 2
 
 
 def test_vague_prior_changes_nothing(pictures):
-    free = bm.solve(*pictures, matching=bm.Matching.NONE).sweep
+    free = bm.solve(*pictures, matching=bm.background.Matching.NONE).sweep
     prior = MotionPrior(6.0, 1e4, path_prior(1e4))
-    vague = bm.solve(*pictures, matching=bm.Matching.NONE, prior=prior).sweep
+    vague = bm.solve(*pictures, matching=bm.background.Matching.NONE, prior=prior).sweep
     assert vague.radius == pytest.approx(free.radius, abs=0.2 * free.radius_std)
     # Fits end at a fraction of the error, which depends on the rounding of the processor.
     ends_std = np.sqrt(np.diag(free.covariance)[:4]).reshape(2, 2).max(axis=0)
@@ -101,7 +101,7 @@ def test_precise_prior_sets_the_path(pictures):
     wrong = PathPrior(path_prior().points + np.array([2.0, 0.0]), 1e-6 * np.eye(6))
     sweep = bm.solve(
         *pictures,
-        matching=bm.Matching.NONE,
+        matching=bm.background.Matching.NONE,
         start=started_at(wrong),
         prior=MotionPrior(6, 1, wrong),
     ).sweep

@@ -70,7 +70,7 @@ def fit_balls(
     """
     check_picture("plate", plate)
     check_rows(rows)
-    check_kind("model", model, ColorModel, "use blurmatte.clip_color(frames, plate)")
+    check_kind("model", model, ColorModel, "use blurmatte.motion.clip_color(frames, plate)")
     check_intrinsics("intrinsics", intrinsics)
     check_with_std("radius", radius, radius_std)
     intrinsics.check_size(plate.size)

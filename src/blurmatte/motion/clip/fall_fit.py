@@ -150,7 +150,7 @@ def _flight(balls: Sequence[BallMotion | BallPlace | None]) -> list[BallPlace]:
     for ball in balls:
         if isinstance(ball, BallMotion):
             raise ValueError("times must be one number for each BallMotion, got none")
-        check_kind("each of balls", ball, BallPlace | None, "use blurmatte.places_in_space")
+        check_kind("each of balls", ball, BallPlace | None, "use blurmatte.motion.places_in_space")
         if ball is not None and not ball.doubted:
             sound.append(ball)
     tracks = [ball.track for ball in sound]

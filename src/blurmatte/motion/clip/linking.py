@@ -126,7 +126,9 @@ def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]
     """The frames, without artifacts of video coding where nothing moves."""
     all_frames = list(frames)
     for frame in all_frames:
-        check_kind("each of frames", frame, FrameSightings, "use blurmatte.sightings(frames)")
+        check_kind(
+            "each of frames", frame, FrameSightings, "use blurmatte.motion.sightings(frames)"
+        )
     peak = max((s.evidence for frame in all_frames for s in frame.found), default=0.0)
     least = LinkSettings.min_peak_fraction * peak
     kept = []

@@ -229,7 +229,7 @@ def _check_clip(
     frames: Sequence[LinearImage], plate: LinearImage, model: ColorModel, rate: float | None
 ) -> None:
     check_picture("plate", plate)
-    check_kind("model", model, ColorModel, "use blurmatte.clip_color(frames, plate)")
+    check_kind("model", model, ColorModel, "use blurmatte.motion.clip_color(frames, plate)")
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be frames per second, above 0, got {rate}")
     if not frames:

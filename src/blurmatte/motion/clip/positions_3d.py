@@ -200,7 +200,7 @@ def places_in_space(
     check_line_time_of_clip(line_time, rows)
     fitted = [None] * len(rows) if balls is None else balls
     for ball in fitted:
-        check_kind("each of balls", ball, BallMotion | None, "use blurmatte.fit_balls")
+        check_kind("each of balls", ball, BallMotion | None, "use blurmatte.motion.fit_balls")
     places: list[BallPlace | None] = [None] * len(rows)
     shared: dict[int, Array] = {}
     for k, (row, ball) in enumerate(zip(rows, fitted, strict=True)):

@@ -276,7 +276,7 @@ def measure_on_plane(
     MotionError
         If the path crosses the horizon of the plane, or is a point.
     """
-    check_kind("plane", plane, Plane, "use blurmatte.Plane.from_points(pixels, meters)")
+    check_kind("plane", plane, Plane, "use blurmatte.motion.Plane.from_points(pixels, meters)")
     check_exposure(exposure_time, exposure_std)
     picture, points = path_source(path, path_std)
     sources = {
