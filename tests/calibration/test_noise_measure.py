@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import shift
 
 from blurmatte.calibration import measure_noise, measure_noise_against, measure_noise_within
-from blurmatte.calibration.noise_samples import SampleSettings
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel
 from blurmatte.rendering import Camera, textured_plate
@@ -165,7 +164,7 @@ def test_accepts_iterators():
 
 def test_large_pictures_are_sampled(monkeypatch):
     """Oracle: all of the picture."""
-    monkeypatch.setattr(SampleSettings, "max_pixels", 40_000)
+    monkeypatch.setattr("blurmatte.calibration.noise_samples._MAX_PIXELS", 40_000)
     check(measure_noise(frames(TEXTURE, 6)), bar=0.1)
 
 

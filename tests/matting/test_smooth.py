@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting import Grade, Pixelwise, Quality, Smooth, solve
-from blurmatte.matting.smooth_field import FieldSettings
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,
@@ -243,7 +242,7 @@ def test_has_the_largest_weight_where_no_shape_explains_the_streak():
 def test_warns_if_not_converged(monkeypatch):
     """Door: the last iterate comes with a warning."""
     truth, image, plate = taken("ball", "colorful")
-    monkeypatch.setattr(FieldSettings, "max_steps", 2)
+    monkeypatch.setattr("blurmatte.matting.smooth_field._MAX_STEPS", 2)
     with pytest.warns(ConvergenceWarning, match="had not converged after 2 steps"):
         solution = solve(image, plate, truth.model, Smooth())
     assert not solution.stats["smooth"]["converged"]

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.matting.pyramid import BORDER, CellEvidence
 from blurmatte.matting.smooth_error import simulated_variance
-from blurmatte.matting.smooth_field import FieldSettings, Prior, fit_field
+from blurmatte.matting.smooth_field import MIN_ALPHA, Prior, fit_field
 
 SIDE, STD = 96, 0.1
 PRIOR = Prior(2, 0.04)
@@ -24,7 +24,7 @@ def with_a_rim(seed):
         information,
         information * field + noise,
         mask,
-        np.full(field.shape, FieldSettings.min_alpha),
+        np.full(field.shape, MIN_ALPHA),
     )
     steep = np.hypot(*np.gradient(field)) > 0.03
     return field * mask, evidence, steep

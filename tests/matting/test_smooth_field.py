@@ -8,13 +8,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.matting import smooth_kernel as compiled
 from blurmatte.matting.pyramid import BORDER, CellEvidence
-from blurmatte.matting.smooth_field import (
-    FieldSettings,
-    Prior,
-    finer_field,
-    fit_field,
-    sum_variance,
-)
+from blurmatte.matting.smooth_field import MIN_ALPHA, Prior, finer_field, fit_field, sum_variance
 
 SIDE = 64
 PRIORS = [Prior(1, 0.03), Prior(2, 0.01)]
@@ -29,7 +23,7 @@ def bump():
 
 
 def least(field):
-    return np.full_like(field, FieldSettings.min_alpha)
+    return np.full_like(field, MIN_ALPHA)
 
 
 def settled(evidence, order, samples):
@@ -104,7 +98,7 @@ def test_field_is_not_far_above_one():
 
 def test_field_is_not_far_below_its_lower_bound():
     truth, evidence = noisy(2, std=0.5)
-    least = np.where(evidence.mask, truth - 0.05, FieldSettings.min_alpha)
+    least = np.where(evidence.mask, truth - 0.05, MIN_ALPHA)
     short = []
     for known in (evidence, replace(evidence, lower=least)):
         field = None

@@ -13,7 +13,6 @@ from blurmatte.files import read
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, render
 from blurmatte.streaks import Streak, find_streak_within, find_streaks, merge_across_occluder
-from blurmatte.streaks.evidence import StreakSettings
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.1])
@@ -181,9 +180,8 @@ def test_finds_streak_at_the_border(taken, plates, edge):
 
 def test_searches_large_pictures_in_cells(taken, faint, monkeypatch):
     pictures = taken(faint.image.rgb, faint.plate.rgb, 1, 0)
-    monkeypatch.setattr(
-        StreakSettings, "max_cells", faint.plate.rgb.size / 3 / 3.5
-    )  # cells of 2 x 2
+    most = faint.plate.rgb.size / 3 / 3.5  # cells of 2 x 2
+    monkeypatch.setattr("blurmatte.streaks.find.MAX_CELLS", most)
     found = find_streaks(*pictures)
     assert len(found) == 1
     assert found[0].mask.shape == pictures[0].valid.shape

@@ -6,7 +6,7 @@ import pytest
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.streaks import Gate
-from blurmatte.streaks.gate import GateSettings, joined
+from blurmatte.streaks.gate import joined
 from blurmatte.streaks.gate_kernel import count_changes, sum_pairs
 
 SIZE = (129, 95)  # odd: the last cells are extended
@@ -41,7 +41,7 @@ def test_strips_of_the_frames_have_the_tables_of_the_whole(monkeypatch):
     # exact
     tables = []
     for rows in (256, 8):
-        monkeypatch.setattr(GateSettings, "strip_cells", rows)
+        monkeypatch.setattr("blurmatte.streaks.gate._STRIP_CELLS", rows)
         plate, noisy = scene(np.random.default_rng(1))
         gate = gate_of(plate, noisy)
         tables.append([*gate.cell_reach, *gate.block_reach])

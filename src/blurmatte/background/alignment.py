@@ -35,24 +35,19 @@ GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the sh
 LIGHTS = ((), (0,), (0, 1), tuple(range(7)))
 
 
-@dataclass(frozen=True)
-class AlignmentSettings:
-    """Pyramid of the pictures, and the t regression on its levels."""
-
-    max_pixels: float = 5e5  # of the finest level; larger pictures are averaged over cells
-    min_side_px: int = 48  # of the coarsest level
-    max_points: int = 8_000  # compared: half of them on edges
-    min_spacing_px: int = 4  # of points: smoothing correlates the noise of nearer ones
-    edge_position_std_px: float = 0.1  # the plate may be sharper than the image; splines ring
-    degrees_of_freedom: float = 3.0  # of the t distribution
-    curvature_ratio: float = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
-    max_residual_std: float = 4.0  # residuals beyond are outliers and have no weight at last
-    min_scale: float = 0.1  # of the residuals, over the predicted noise
-    parameter_std: float = (
-        0.1  # of the prior of h and light; regularizes what data do not determine
-    )
-    tolerance: float = 1e-3  # of a step: mean square over the variance of a parameter
-    covariance_tiles: int = 12  # per side; residuals of different tiles are independent
+# Pyramid of the pictures, and the t regression on its levels.
+_MAX_PIXELS = 5e5  # of the finest level; larger pictures are averaged over cells
+_MIN_SIDE_PX = 48  # of the coarsest level
+_MAX_POINTS = 8_000  # compared: half of them on edges
+_MIN_SPACING_PX = 4  # of points: smoothing correlates the noise of nearer ones
+_EDGE_POSITION_STD_PX = 0.1  # the plate may be sharper than the image; splines ring
+_DEGREES_OF_FREEDOM = 3.0  # of the t distribution
+_CURVATURE_RATIO = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
+_MAX_RESIDUAL_STD = 4.0  # residuals beyond are outliers and have no weight at last
+_MIN_SCALE = 0.1  # of the residuals, over the predicted noise
+_PARAMETER_STD = 0.1  # of the prior of h and light; regularizes what data do not determine
+_TOLERANCE = 1e-3  # of a step: mean square over the variance of a parameter
+_COVARIANCE_TILES = 12  # per side; residuals of different tiles are independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +119,7 @@ def quartile_scale(residuals: Array) -> float:
 
 def levels(image: LinearImage, plate: LinearImage) -> Iterator[Level]:
     """Yield the levels of the pyramid, the finest first."""
-    cell = int(np.ceil(np.sqrt(image.valid.size / AlignmentSettings.max_pixels)))
+    cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_PIXELS)))
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
     variance = _variance(image, C, cell) + _variance(plate, B, cell)
     valid = _cells((image.valid & plate.valid)[..., None].astype(np.float32), cell)
@@ -132,7 +127,7 @@ def levels(image: LinearImage, plate: LinearImage) -> Iterator[Level]:
     while True:
         level = _level(*parts)
         yield level
-        if min(level.size) < 2 * AlignmentSettings.min_side_px:
+        if min(level.size) < 2 * _MIN_SIDE_PX:
             return
         parts = [_cells(part, 2) for part in parts]
 
@@ -159,7 +154,7 @@ def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
     to = to_centered((valid.shape[1], valid.shape[0]))
     u, v = (xy * to[0, 0] + to[:2, 2]).T
     basis = np.stack([np.ones(len(xy)), u, v, u * u, u * v, v * v], axis=1)
-    edges = AlignmentSettings.edge_position_std_px**2 * (slope_x**2 + slope_y**2)
+    edges = _EDGE_POSITION_STD_PX**2 * (slope_x**2 + slope_y**2)
     sigma = np.sqrt((np.maximum(variance, 1e-14) + edges)[xy[:, 1], xy[:, 0]])
     image_slopes = np.stack([np.gradient(C, axis=axis) for axis in (1, 0)], axis=-1)
     spline = spline_coefficients(B)
@@ -169,8 +164,8 @@ def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
 def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
     """(n, 2) for every block the pixel of the largest gradient and its center, if inside."""
     height, width = energy.shape
-    side = int(np.ceil(np.sqrt(2 * energy.size / AlignmentSettings.max_points)))
-    side = max(AlignmentSettings.min_spacing_px, side)
+    side = int(np.ceil(np.sqrt(2 * energy.size / _MAX_POINTS)))
+    side = max(_MIN_SPACING_PX, side)
     rows, columns = height // side, width // side
     blocks = np.where(inside, energy, -1)[: rows * side, : columns * side]
     blocks = blocks.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
@@ -190,23 +185,17 @@ def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
     """
     free, rows = list(GEOMETRIES[model[0]]), level.free_rows(model[1])
     h, light, identity = start.h.copy(), start.light.copy(), level.identity.light[rows]
-    prior = np.eye(len(free) + 3 * len(rows)) / AlignmentSettings.parameter_std**2
+    prior = np.eye(len(free) + 3 * len(rows)) / _PARAMETER_STD**2
     inliers = np.ones((len(level.xy), 3), bool)
     for left in range(15, -1, -1):  # steps
         residuals, slopes = _compare(level, h, light, free, rows)
         normal, gradient = _equations(residuals, slopes, inliers)
         now = np.concatenate([h[free], (light[rows] - identity).T.ravel()])
         step = np.linalg.solve(normal + prior, -gradient - prior @ now)
-        if (
-            left == 0
-            or not len(step)
-            or step @ normal @ step < AlignmentSettings.tolerance * len(now)
-        ):
+        if left == 0 or not len(step) or step @ normal @ step < _TOLERANCE * len(now):
             if not inliers.all() or left <= 3:  # too few steps are left to continue
                 break
-            inliers = np.abs(residuals) < AlignmentSettings.max_residual_std * quartile_scale(
-                residuals
-            )
+            inliers = np.abs(residuals) < _MAX_RESIDUAL_STD * quartile_scale(residuals)
         h[free] += step[: len(free)]
         light[rows] += step[len(free) :].reshape(3, len(rows)).T
     covariance = _covariance(level, h, residuals, slopes, free)
@@ -218,16 +207,14 @@ def first_step(level: Level) -> tuple[Array, Array, float]:
     rows = list(LIGHTS[-1])
     residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
     normal, gradient = _equations(residuals, slopes, np.True_)
-    step = -np.linalg.solve(
-        normal + np.eye(len(normal)) / AlignmentSettings.parameter_std**2, gradient
-    )
+    step = -np.linalg.solve(normal + np.eye(len(normal)) / _PARAMETER_STD**2, gradient)
     h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, len(rows)).T)
     return h, light, float(-gradient @ step / 2)
 
 
 def _equations(residuals: Array, slopes: Array, inliers: Bools | np.bool_) -> tuple[Array, Array]:
     """Normal matrix and gradient of the weighted sum of squares."""
-    scale = max(quartile_scale(residuals), AlignmentSettings.min_scale)
+    scale = max(quartile_scale(residuals), _MIN_SCALE)
     weighted = slopes * (inliers * _weights(residuals, scale) / scale**2)[..., None]
     weighted = weighted.reshape(3 * len(slopes), -1).T
     gradient = weighted @ np.nan_to_num(residuals).ravel()
@@ -242,25 +229,22 @@ def _covariance(level: Level, h: Array, residuals: Array, slopes: Array, free: l
     gradients of plate and image: the noise of one picture alone would add to it, and make a plain wall
     seem to determine the shift.
     """
-    scale = max(quartile_scale(residuals), AlignmentSettings.min_scale)
+    scale = max(quartile_scale(residuals), _MIN_SCALE)
     weight = _weights(residuals, scale) / scale**2
-    weight *= np.abs(np.nan_to_num(residuals)) < AlignmentSettings.max_residual_std * scale
+    weight *= np.abs(np.nan_to_num(residuals)) < _MAX_RESIDUAL_STD * scale
     scores = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
     width, height = level.size
-    column, row = (level.xy * AlignmentSettings.covariance_tiles // (width, height)).T
-    tiles = np.zeros((AlignmentSettings.covariance_tiles**2, scores.shape[1]))
-    np.add.at(tiles, row * AlignmentSettings.covariance_tiles + column, scores)
+    column, row = (level.xy * _COVARIANCE_TILES // (width, height)).T
+    tiles = np.zeros((_COVARIANCE_TILES**2, scores.shape[1]))
+    np.add.at(tiles, row * _COVARIANCE_TILES + column, scores)
     _, moves = map_points(h, level.xy.astype(float), level.size)
     image_slopes = slopes.copy()
     x, y = level.xy.T
     across = level.image_slopes[y, x] / level.sigma[..., None]
     image_slopes[..., : len(free)] = np.einsum("nck,nkp->ncp", across, moves[..., free])
-    curvature = (
-        np.einsum("ncp,nc,ncq->pq", slopes, weight, image_slopes)
-        * AlignmentSettings.curvature_ratio
-    )
+    curvature = np.einsum("ncp,nc,ncq->pq", slopes, weight, image_slopes) * _CURVATURE_RATIO
     values, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
-    prior = np.eye(len(curvature)) / AlignmentSettings.parameter_std**2
+    prior = np.eye(len(curvature)) / _PARAMETER_STD**2
     inverse = np.linalg.inv((vectors * np.maximum(values, 0)) @ vectors.T + prior)
     return np.asarray(inverse @ (tiles.T @ tiles + prior) @ inverse)
 
@@ -269,7 +253,7 @@ def _weights(residuals: Array, scale: float) -> Array:
     """(n, 3) weights of the t distribution; 0 outside the plate."""
     inside = np.isfinite(residuals)
     r = np.where(inside, residuals, 0) / scale
-    freedom = AlignmentSettings.degrees_of_freedom
+    freedom = _DEGREES_OF_FREEDOM
     return np.asarray(inside * (freedom + 1) / (freedom + r**2))
 
 
@@ -305,8 +289,8 @@ def log_likelihood_gains(small: Fit, large: Fit) -> Array:
     0 for points that one of them puts outside the plate.
     """
     freedom, scale = (
-        AlignmentSettings.degrees_of_freedom,
-        max(large.scale, AlignmentSettings.min_scale),
+        _DEGREES_OF_FREEDOM,
+        max(large.scale, _MIN_SCALE),
     )
     both = np.isfinite(small.residuals) & np.isfinite(large.residuals)
     before, after = (
@@ -319,7 +303,7 @@ def log_likelihood_gains(small: Fit, large: Fit) -> Array:
 def gain_score(level: Level, fit: Fit) -> tuple[Array, Array]:
     """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
     residuals, slopes = _compare(level, fit.h, fit.light, [], [0])
-    scale = max(quartile_scale(residuals), AlignmentSettings.min_scale)
+    scale = max(quartile_scale(residuals), _MIN_SCALE)
     weight = _weights(residuals, scale) / scale**2
     B = np.diagonal(slopes, axis1=1, axis2=2)
     return -weight * B * np.nan_to_num(residuals), weight * B**2

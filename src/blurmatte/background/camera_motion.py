@@ -5,7 +5,6 @@ Kanade (1981) the fraction. The median over the tiles that determine a shift tol
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,19 +12,15 @@ from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
 from blurmatte.statistics import MAD_TO_STD, cell_means
 
-
-@dataclass(frozen=True)
-class CameraMotionSettings:
-    """Frames and tiles that are compared, and the shift that is tolerated."""
-
-    frames: int = 5
-    tiles: int = 3  # per side
-    min_tile_px: int = 64
-    max_tile_px: int = 256
-    min_overlap_px: int = 16  # of a shifted tile
-    max_shift_px: float = 0.5  # blur of the mean's edges that is acceptable
-    max_shift_std_px: float = 0.1  # of a tile that determines its shift
-    max_residual_ratio: float = 0.8  # of the differences with and without a shift
+# Frames and tiles that are compared, and the shift that is tolerated.
+_FRAMES = 5
+_TILES = 3  # per side
+_MIN_TILE_PX = 64
+_MAX_TILE_PX = 256
+_MIN_OVERLAP_PX = 16  # of a shifted tile
+_MAX_SHIFT_PX = 0.5  # blur of the mean's edges that is acceptable
+_MAX_SHIFT_STD_PX = 0.1  # of a tile that determines its shift
+_MAX_RESIDUAL_RATIO = 0.8  # of the differences with and without a shift
 
 
 def check_static_camera(
@@ -38,7 +33,7 @@ def check_static_camera(
     names: of the frames, for the error.
     """
     middle = len(names) // 2
-    others = np.unique(np.linspace(0, len(names) - 1, CameraMotionSettings.frames).astype(int))
+    others = np.unique(np.linspace(0, len(names) - 1, _FRAMES).astype(int))
     worst, at = 0.0, middle
     a = gray_of(middle)
     for k in map(int, others[others != middle]):
@@ -55,13 +50,13 @@ def check_static_camera(
 
 def _moved(a: Floats, b: Floats, variance: float) -> float:
     """Shift between two pictures, pixels; 0 if it is tolerable."""
-    cell = -(-max(a.shape) // CameraMotionSettings.max_tile_px)
+    cell = -(-max(a.shape) // _MAX_TILE_PX)
     whole = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
     if whole is not None and max(map(abs, whole)) > 1:  # too far for tiles
         return float(cell * np.hypot(*whole))
     shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
     lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
-    moved = [length for length in lengths if length > CameraMotionSettings.max_shift_px]
+    moved = [length for length in lengths if length > _MAX_SHIFT_PX]
     return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
 
 
@@ -69,9 +64,9 @@ def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
     """Tiles over the whole picture; in small pictures they overlap."""
     sides = []
     for length in shape:
-        size = max(length // CameraMotionSettings.tiles, CameraMotionSettings.min_tile_px)
-        size = min(length, size, CameraMotionSettings.max_tile_px)
-        starts = np.linspace(0, length - size, CameraMotionSettings.tiles)
+        size = max(length // _TILES, _MIN_TILE_PX)
+        size = min(length, size, _MAX_TILE_PX)
+        starts = np.linspace(0, length - size, _TILES)
         sides.append([slice(int(start), int(start) + size) for start in starts])
     return [(rows, columns) for rows in sides[0] for columns in sides[1]]
 
@@ -79,10 +74,10 @@ def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
 def _shift(a: Floats, b: Floats, variance: float) -> tuple[float, float] | None:
     """(x, y) shift of b against a, pixels; None if the tile does not determine it."""
     best, determined = (0.0, 0.0), False
-    least = CameraMotionSettings.max_residual_ratio * _difference(_smooth(a) - _smooth(b))
+    least = _MAX_RESIDUAL_RATIO * _difference(_smooth(a) - _smooth(b))
     for x, y in dict.fromkeys([_integer_shift(a, b), (0, 0)]):
         overlap = _overlap(a, b, x, y)
-        if min(overlap[0].shape) < CameraMotionSettings.min_overlap_px:
+        if min(overlap[0].shape) < _MIN_OVERLAP_PX:
             continue
         dx, dy, residual = _subpixel_shift(*overlap, variance)
         determined |= np.isfinite(residual)
@@ -136,7 +131,7 @@ def _subpixel_shift(a: Floats, b: Floats, variance: float) -> tuple[float, float
         normal = np.einsum("in,jn->ij", g, g)  # BLAS's threads would only wait for such products
         # Smoothing by one pixel leaves 1/4π of white noise's variance and correlates 4π pixels.
         least = float(np.linalg.eigvalsh(normal).min())
-        if least * CameraMotionSettings.max_shift_std_px**2 < 2 * variance:
+        if least * _MAX_SHIFT_STD_PX**2 < 2 * variance:
             return 0.0, 0.0, np.inf
         x, y = np.clip(-np.linalg.solve(normal, np.einsum("in,n->i", g, d[inliers])), -1, 1)
         residual = d + x * gx + y * gy

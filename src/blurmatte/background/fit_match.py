@@ -6,7 +6,7 @@ and light (identity, gain per channel, and offset, and a quadratic field, and ba
 """
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -66,21 +66,18 @@ _MODELS = {
 }
 
 
-@dataclass(frozen=True)
-class MatchSettings:
-    """Selection of the model, and rejection of foreign plates."""
-
-    parameter_penalty: float = 20.0  # log likelihood; large, since compression correlates residuals
-    min_displacement_px: float = 0.01  # smaller changes of both this
-    min_light_change: float = 0.001  # and this, relative, are not applied
-    max_offset: float = 0.1  # of the plate's median light: flare
-    min_gain: float = 0.25  # of the median light: a darker image is rejected
-    max_gain: float = 4.0
-    min_side_px: int = 32  # smaller pictures are not matched
-    min_points: int = 100
-    max_relative_residual: float = 0.5  # std over that of the image: another scene leaves more,
-    max_residual: float = 0.1  # and more than this part of the median light
-    min_overlap: float = 0.5  # fraction of the image that the plate covers
+# Selection of the model, and rejection of foreign plates.
+_PARAMETER_PENALTY = 20.0  # log likelihood; large, since compression correlates residuals
+_MIN_DISPLACEMENT_PX = 0.01  # smaller changes of both this
+_MIN_LIGHT_CHANGE = 0.001  # and this, relative, are not applied
+_MAX_OFFSET = 0.1  # of the plate's median light: flare
+_MIN_GAIN = 0.25  # of the median light: a darker image is rejected
+_MAX_GAIN = 4.0
+_MIN_SIDE_PX = 32  # smaller pictures are not matched
+_MIN_POINTS = 100
+_MAX_RELATIVE_RESIDUAL = 0.5  # std over that of the image: another scene leaves more,
+_MAX_RESIDUAL = 0.1  # and more than this part of the median light
+_MIN_OVERLAP = 0.5  # fraction of the image that the plate covers
 
 
 def match_plate(
@@ -138,17 +135,17 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     check_same_size("image", image.size, "plate", plate.size)
     check_kind("matching", matching, Matching | None, "such as blurmatte.background.Matching.NONE")
     gray = are_gray(image, plate)  # `solve` rejects these, with the reason
-    if gray or matching is Matching.NONE or min(image.size) < MatchSettings.min_side_px:
+    if gray or matching is Matching.NONE or min(image.size) < _MIN_SIDE_PX:
         return Match.nothing(image.size)
     logging.getLogger("blurmatte").info("matching the plate")
     pyramid = levels(image, plate)
     fine = next(pyramid)
-    if len(fine.xy) < MatchSettings.min_points:
+    if len(fine.xy) < _MIN_POINTS:
         return Match.nothing(image.size)
     bands_gain, *_ = strongest_bands(fine, fine.identity)
     if matching is None and _matches(fine, plate) and bands_gain <= _penalty_of_bands(1):
         return Match.nothing(image.size)
-    coarse, max_offset = list(pyramid), MatchSettings.max_offset * median_light(plate)
+    coarse, max_offset = list(pyramid), _MAX_OFFSET * median_light(plate)
     best, bands = _select_model(fine, coarse, matching, max_offset), None
     if matching is not Matching.SHIFT:
         best, bands = _select_bands(fine, coarse, best, matching, max_offset)
@@ -160,17 +157,14 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
 
 
 def _is_negligible(match: Match, plate: LinearImage) -> bool:
-    return (
-        match.reach <= MatchSettings.min_displacement_px
-        and match.light_change(plate) <= MatchSettings.min_light_change
-    )
+    return match.reach <= _MIN_DISPLACEMENT_PX and match.light_change(plate) <= _MIN_LIGHT_CHANGE
 
 
 def _matches(level: Level, plate: LinearImage) -> bool:
     """Whether the first step from the identity gains too little, or changes too little."""
     h, light, gained = first_step(level)
     step = replace(Match.nothing(level.size), h=h, light=IDENTITY_LIGHT + light)
-    worth = gained > MatchSettings.parameter_penalty * len(GEOMETRIES[1])
+    worth = gained > _PARAMETER_PENALTY * len(GEOMETRIES[1])
     return not worth or _is_negligible(step, plate)
 
 
@@ -249,12 +243,12 @@ def _select_bands(
 
 def _penalty_of_bands(harmonics: int) -> float:
     """Of the coefficients, and of the frequency."""
-    return MatchSettings.parameter_penalty * (6 * harmonics + 1)
+    return _PARAMETER_PENALTY * (6 * harmonics + 1)
 
 
 def _penalty(model: tuple[int, int]) -> float:
     parameters = len(GEOMETRIES[model[0]]) + 3 * len(LIGHTS[model[1]])
-    return MatchSettings.parameter_penalty * parameters
+    return _PARAMETER_PENALTY * parameters
 
 
 def _match_of(fit: Fit, size: tuple[int, int]) -> Match:
@@ -272,8 +266,8 @@ def _check_same_scene(match: Match, fit: Fit, level: Level, plate: LinearImage) 
     light = median_light(plate)
     x, y = match.shift
     if residual > max(
-        MatchSettings.max_relative_residual * image_std,
-        MatchSettings.max_residual * float(light.mean()),
+        _MAX_RELATIVE_RESIDUAL * image_std,
+        _MAX_RESIDUAL * float(light.mean()),
     ):
         raise PlateError(
             "image and plate do not show the same scene from the same place: after the best match "
@@ -281,13 +275,13 @@ def _check_same_scene(match: Match, fit: Fit, level: Level, plate: LinearImage) 
             "a tripod, one right after the other"
         )
     overlap = float(np.mean(np.isfinite(fit.residuals)))
-    if overlap < MatchSettings.min_overlap:
+    if overlap < _MIN_OVERLAP:
         raise PlateError(
             f"the camera moved: the plate is shifted by {x:+.0f}, {y:+.0f} pixels against the image "
             f"and shows only {overlap:.0%} of it; take both from a tripod"
         )
     brighter = match.light[0] + match.light[1] / light
-    if min(brighter) < MatchSettings.min_gain or max(brighter) > MatchSettings.max_gain:
+    if min(brighter) < _MIN_GAIN or max(brighter) > _MAX_GAIN:
         factors = ", ".join(f"{g:.2f}" for g in brighter)
         raise PlateError(
             f"the light changed too much: the image is {factors} times as bright as the plate "

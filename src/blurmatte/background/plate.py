@@ -25,21 +25,17 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, CodingError, LinearImage, Meta, rounding_variance
 
-
-@dataclass(frozen=True)
-class PlateSettings:
-    """Pixels whose plate is known, and averages over neighbors for their variance."""
-
-    min_free_fraction: float = 0.15  # of the frames
-    min_free_frames: int = 2
-    majority: float = 0.55  # of the frames: such a mode is the plate; a rarer one needs
-    max_rival_ratio: float = 0.35  # its rival to be rarer still: it may be an object at rest
-    max_clipped_fraction: float = 0.01  # of the free frames; with more, the mean is too dark
-    variance_window_px: int = 5
-    variance_window_frames: float = 16  # weight of the window's variance against the pixel's own
-    correlation_window_px: int = 33  # over which the correlation of noise in time is constant
-    band_pixels: int = 160_000  # estimated at a time
-    band_overlap_px: int = 19  # half the larger window, and what marks moving rims
+# Pixels whose plate is known, and averages over neighbors for their variance.
+_MIN_FREE_FRACTION = 0.15  # of the frames
+_MIN_FREE_FRAMES = 2
+_MAJORITY = 0.55  # of the frames: such a mode is the plate; a rarer one needs
+_MAX_RIVAL_RATIO = 0.35  # its rival to be rarer still: it may be an object at rest
+_MAX_CLIPPED_FRACTION = 0.01  # of the free frames; with more, the mean is too dark
+_VARIANCE_WINDOW_PX = 5
+_VARIANCE_WINDOW_FRAMES = 16  # weight of the window's variance against the pixel's own
+_CORRELATION_WINDOW_PX = 33  # over which the correlation of noise in time is constant
+_BAND_PIXELS = 160_000  # estimated at a time
+_BAND_OVERLAP_PX = 19  # half the larger window, and what marks moving rims
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +127,7 @@ def _made(frames: Iterable[LinearImage], against_scene: bool) -> PlateFit:
 
 def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     """The plate of samples that are all frames, in bands: sums take the memory of many frames."""
-    (width, height), settings = samples.light.size, PlateSettings
+    (width, height) = samples.light.size
     restless = find_restlessness(samples)
     gains = gains_of_samples(samples, restless)
     coding = samples.coding if against_scene else None
@@ -139,11 +135,11 @@ def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     light, noise = np.empty((2, height, width, 3), np.float32)
     shared = None if file.coding is None else np.empty_like(light)
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
-    for start in range(0, height, rows := max(settings.band_pixels // width, 1)):
+    for start in range(0, height, rows := max(_BAND_PIXELS // width, 1)):
         inner = slice(start, min(start + rows, height))
         outer = slice(
-            max(inner.start - settings.band_overlap_px, 0),
-            min(inner.stop + settings.band_overlap_px, height),
+            max(inner.start - _BAND_OVERLAP_PX, 0),
+            min(inner.stop + _BAND_OVERLAP_PX, height),
         )
         modes = find_modes(samples, restless, outer)
         sums = sum_frames(samples.light.bands(outer), modes, samples.count, gains)
@@ -186,11 +182,11 @@ class _FileError:
 
 def _estimates(sums: Sums, modes: Modes, file: _FileError, first_row: int = 0) -> Estimates:
     """Light, its variance, whether it is valid, coverage, and the variance that all frames share."""
-    count, settings = len(sums.gain), PlateSettings
+    count = len(sums.gain)
     _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
-    known = (free > settings.majority * count) | (rival <= settings.max_rival_ratio * close)
-    known &= free >= max(settings.min_free_fraction * count, settings.min_free_frames)
-    valid = known & (clipped <= settings.max_clipped_fraction * free)
+    known = (free > _MAJORITY * count) | (rival <= _MAX_RIVAL_RATIO * close)
+    known &= free >= max(_MIN_FREE_FRACTION * count, _MIN_FREE_FRAMES)
+    valid = known & (clipped <= _MAX_CLIPPED_FRACTION * free)
     rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
     noise, windows = np.empty_like(modes.light), _Windows.of(sums, known)
     shared = None if file.coding is None else np.empty_like(modes.light)
@@ -221,10 +217,10 @@ class _Windows:
     @classmethod
     def of(cls, sums: Sums, known: Bools) -> "_Windows":
         """Those of known pixels."""
-        settings, n = PlateSettings, np.maximum(sums.counts[..., 1], 2).astype(float)
+        n = np.maximum(sums.counts[..., 1], 2).astype(float)
         usable = known & (n**2 > 1.5 * sums.batch_counts)
-        own = _Window.of((n - 1) * known, settings.variance_window_px)
-        return cls(n, usable, own, _Window.of(1.0 * usable, settings.correlation_window_px))
+        own = _Window.of((n - 1) * known, _VARIANCE_WINDOW_PX)
+        return cls(n, usable, own, _Window.of(1.0 * usable, _CORRELATION_WINDOW_PX))
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,7 +265,7 @@ def _variance(
     n = windows.n
     delta, q = sums.total[..., c] / n, sums.batch_counts
     v = np.maximum(sums.squares[..., c] - n * delta**2, 0) / (n - 1)
-    weight = PlateSettings.variance_window_frames
+    weight = _VARIANCE_WINDOW_FRAMES
     local = usual * windows.own.mean(v / usual)
     v = ((n - 1) * v + weight * local) / (n - 1 + weight)
     scatter = sums.batch_squares[..., c] - 2 * delta * sums.batch_products[..., c] + delta**2 * q

@@ -19,18 +19,14 @@ from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, siz
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage
 
-
-@dataclass(frozen=True)
-class MeanSettings:
-    """Mode of the samples, and the frames that are summed."""
-
-    min_rival_ratio: float = 0.25  # samples beyond the mode over those of it; with fewer, no rival
-    restlessness_window_px: int = 5  # over which the variance inflation λ of a place is averaged
-    max_restlessness: float = 25.0  # λ: five times the noise; beyond it, something moves
-    strip_rows: int = 8  # whose samples are in memory at a time
-    rim_px: int = 2  # around a moving object: its rim is fainter than the noise
-    batches: int = 8  # of consecutive frames, for the correlation of noise in time
-    min_mode_fraction: float = 0.5  # of the largest `near`, at pixels that determine the gain
+# Mode of the samples, and the frames that are summed.
+_MIN_RIVAL_RATIO = 0.25  # samples beyond the mode over those of it; with fewer, no rival
+_RESTLESSNESS_WINDOW_PX = 5  # over which the variance inflation λ of a place is averaged
+_MAX_RESTLESSNESS = 25.0  # λ: five times the noise; beyond it, something moves
+_STRIP_ROWS = 8  # whose samples are in memory at a time
+_RIM_PX = 2  # around a moving object: its rim is fainter than the noise
+_BATCHES = 8  # of consecutive frames, for the correlation of noise in time
+_MIN_MODE_FRACTION = 0.5  # of the largest `near`, at pixels that determine the gain
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +66,8 @@ def find_restlessness(samples: Samples) -> Floats:
                 coded[rows] += variance / (3 * noise_variance[..., c])
 
     _over_strips(samples, slice(0, height), inflation)
-    restless = uniform_filter(restless, MeanSettings.restlessness_window_px)
-    return np.asarray(np.maximum(np.clip(restless, 1, MeanSettings.max_restlessness), coded))
+    restless = uniform_filter(restless, _RESTLESSNESS_WINDOW_PX)
+    return np.asarray(np.maximum(np.clip(restless, 1, _MAX_RESTLESSNESS), coded))
 
 
 def find_modes(samples: Samples, restless: Floats, rows: slice) -> Modes:
@@ -97,7 +93,7 @@ def gains_of_samples(samples: Samples, restless: Floats) -> list[Floats]:
     near = np.empty(len(there), np.int32)
     flat = np.moveaxis(samples.few, 1, -1) / samples.gain[:, None]
     _find_modes(np.ascontiguousarray(flat, np.float32), samples, there, (light, rival, near))
-    sure = near >= MeanSettings.min_mode_fraction * near.max()
+    sure = near >= _MIN_MODE_FRACTION * near.max()
     variance = samples.noise.variance(light) * there[:, None]
     static, variance = (a[sure].T.astype(float) for a in (light, variance))
     return [fit_gain(x[:, sure], static, variance) for x in samples.few]
@@ -107,7 +103,7 @@ def _find_modes(
     flat: Floats, samples: Samples, restless: Floats, results: tuple[npt.NDArray[Any], ...]
 ) -> None:
     """Write mode, rival and number of samples near the mode of (frames, pixels, 3) light."""
-    ratio = np.float32(MeanSettings.min_rival_ratio)
+    ratio = np.float32(_MIN_RIVAL_RATIO)
     kernel.find_modes(flat, _coefficients(samples), restless, ratio, *results)
 
 
@@ -118,7 +114,7 @@ def _coefficients(samples: Samples) -> tuple[np.float32, ...]:
 def _over_strips(samples: Samples, rows: slice, work: Callable[[slice, Floats], None]) -> None:
     """Do some work on strips of rows and their light (frames, pixels, 3), at a common exposure."""
     gain, (width, _) = samples.gain.astype(np.float32), samples.light.size
-    height, count = MeanSettings.strip_rows, cpu_count() or 1
+    height, count = _STRIP_ROWS, cpu_count() or 1
 
     def every(first: int) -> None:
         """The work of a thread, in one buffer."""
@@ -182,7 +178,7 @@ def sum_frames(
     """
     sums, precision = Sums.empty(modes.light.shape), 1 / modes.variance
     static, variance, place = _gain_pixels(modes)
-    length = max(1, -(-count // MeanSettings.batches))
+    length = max(1, -(-count // _BATCHES))
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
         for number, frame in enumerate(_prefetched(frames)):
             if isinstance(frame, LinearImage) and frame.rgb.shape != modes.light.shape:
@@ -212,7 +208,7 @@ def _gain_pixels(modes: Modes) -> tuple[Floats, Floats, tuple[npt.NDArray[np.int
     """(3, n) static light, its variance in a frame, and the pixels' indices."""
     part = gain_grid(modes.near.shape)
     y, x = np.mgrid[: modes.near.shape[0], : modes.near.shape[1]][(slice(None), *part)]
-    sure = modes.near[part] >= MeanSettings.min_mode_fraction * modes.near.max()
+    sure = modes.near[part] >= _MIN_MODE_FRACTION * modes.near.max()
     place = (y[sure], x[sure])
     return (*(a[place].T.astype(float) for a in (modes.light, modes.variance)), place)
 
@@ -243,5 +239,5 @@ def _add(
     edges = np.linspace(0, len(off), (cpu_count() or 1) + 1).astype(int)
     strips = [slice(a, b) for a, b in pairwise(edges)]
     list(pool.map(mark, strips))
-    kernel.mark_rims(off, MeanSettings.rim_px, near)
+    kernel.mark_rims(off, _RIM_PX, near)
     list(pool.map(gather, strips))

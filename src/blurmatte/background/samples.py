@@ -27,28 +27,22 @@ from blurmatte.radiometry import (
 from blurmatte.radiometry.coded import CodedSequence, RgbCodes
 from blurmatte.statistics import MAD_TO_STD
 
-
-@dataclass(frozen=True)
-class SampleSettings:
-    """Number of samples, estimation of noise and gain, and rejection of clips."""
-
-    min_samples: int = 20
-    max_samples: int = 64
-    max_bytes: float = 1.0e9  # of all samples that are pictures, at 6 bytes a pixel
-    min_coded: int = 16  # samples of a clip, whose code values are kept
-    max_coded_bytes: float = 1.5e8  # of them
-    noise_pixels: float = 1e5  # of a frame
-    noise_pairs: int = 3  # of frames, of which the median noise is taken
-    gain_pixels: float = 1e4  # of a frame
-    strip_rows: int = 64  # whose light is in memory at a time
-    min_gain: float = 1e-3  # of a black frame
-    min_brightness: float = 0.05  # of the maximum, for ratios of light
-    max_residual_std: float = 4.0  # of pixels that determine the gain
-    max_gain_ratio: float = (
-        2.0  # between frames; larger ones come with other lamps and clipped pixels
-    )
-    max_changed_area: float = 0.5  # fraction of the picture between two samples; more is a cut
-    min_cut_contrast: float = 0.1  # relative change of light, beyond noise, that counts as changed
+# Number of samples, estimation of noise and gain, and rejection of clips.
+_MIN_SAMPLES = 20
+_MAX_SAMPLES = 64
+_MAX_BYTES = 1.0e9  # of all samples that are pictures, at 6 bytes a pixel
+_MIN_CODED = 16  # samples of a clip, whose code values are kept
+_MAX_CODED_BYTES = 1.5e8  # of them
+_NOISE_PIXELS = 1e5  # of a frame
+_NOISE_PAIRS = 3  # of frames, of which the median noise is taken
+_GAIN_PIXELS = 1e4  # of a frame
+_STRIP_ROWS = 64  # whose light is in memory at a time
+_MIN_GAIN = 1e-3  # of a black frame
+_MIN_BRIGHTNESS = 0.05  # of the maximum, for ratios of light
+_MAX_RESIDUAL_STD = 4.0  # of pixels that determine the gain
+_MAX_GAIN_RATIO = 2.0  # between frames; larger ones come with other lamps and clipped pixels
+_MAX_CHANGED_AREA = 0.5  # fraction of the picture between two samples; more is a cut
+_MIN_CUT_CONTRAST = 0.1  # relative change of light, beyond noise, that counts as changed
 
 
 LightOf = Callable[[Box, int], LinearImage]
@@ -123,8 +117,8 @@ class Samples:
         """(H, W) mean of the channels of a sample, at a common exposure."""
         width, height = self.light.size
         gray, gain = np.empty((height, width), np.float32), self.gain[k].astype(np.float32)
-        for start in range(0, height, SampleSettings.strip_rows):
-            rows = slice(start, min(start + SampleSettings.strip_rows, height))
+        for start in range(0, height, _STRIP_ROWS):
+            rows = slice(start, min(start + _STRIP_ROWS, height))
             strip = np.empty((rows.stop - start, width, 3), np.float32)
             self.light.write(k, rows, gain, strip)
             gray[rows] = (strip[..., 0] + strip[..., 1] + strip[..., 2]) / np.float32(3)
@@ -161,8 +155,8 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
 
 def max_coded_samples(pixels: int, bytes_per_pixel: int) -> int:
     """Number of frames of a clip whose code values are kept at most."""
-    most = SampleSettings.max_coded_bytes / (bytes_per_pixel * pixels)
-    return int(np.clip(most, SampleSettings.min_coded, SampleSettings.max_samples))
+    most = _MAX_CODED_BYTES / (bytes_per_pixel * pixels)
+    return int(np.clip(most, _MIN_CODED, _MAX_SAMPLES))
 
 
 def frame_name(frame: LinearImage, number: int) -> str:
@@ -183,10 +177,10 @@ def fit_gain(light: Floats, static: Floats, variance: Floats) -> Floats:
     gain = median_ratio(light[:, ::8], static[:, ::8])
     for c, (x, B, s2) in enumerate(zip(light, static, variance, strict=True)):
         for _ in range(2):
-            inliers = (x - gain[c] * B) ** 2 < SampleSettings.max_residual_std**2 * s2
+            inliers = (x - gain[c] * B) ** 2 < _MAX_RESIDUAL_STD**2 * s2
             weight = inliers * B / s2
             if (total := float(np.sum(weight * B))) > 0:
-                gain[c] = max(float(np.sum(weight * x)) / total, SampleSettings.min_gain)
+                gain[c] = max(float(np.sum(weight * x)) / total, _MIN_GAIN)
     return gain
 
 
@@ -194,15 +188,15 @@ def median_ratio(light: Floats, static: Floats) -> Floats:
     """(3,) median of light over static, both (3, n), where static is not dark."""
     gain = np.ones(3)
     for c, (x, B) in enumerate(zip(light, static, strict=True)):
-        bright = SampleSettings.min_brightness * B.max() < B
+        bright = _MIN_BRIGHTNESS * B.max() < B
         if bright.any():
-            gain[c] = max(float(np.median(x[bright] / B[bright])), SampleSettings.min_gain)
+            gain[c] = max(float(np.median(x[bright] / B[bright])), _MIN_GAIN)
     return gain
 
 
 def gain_grid(shape: Sequence[int]) -> tuple[slice, slice]:
     """Rows and columns of a regular grid of pixels that determine the gain."""
-    step = max(1, int(np.sqrt(shape[0] * shape[1] / SampleSettings.gain_pixels)))
+    step = max(1, int(np.sqrt(shape[0] * shape[1] / _GAIN_PIXELS)))
     return slice(step // 2, None, step), slice(step // 2, None, step)
 
 
@@ -249,10 +243,8 @@ def _samples(
     if one is None:
         return
     check_picture("the first frame", one)
-    most = SampleSettings.max_bytes / (6 * one.valid.size)
-    which = _spaced(
-        count, int(np.clip(most, SampleSettings.min_samples, SampleSettings.max_samples))
-    )
+    most = _MAX_BYTES / (6 * one.valid.size)
+    which = _spaced(count, int(np.clip(most, _MIN_SAMPLES, _MAX_SAMPLES)))
     numbers = range(count)[which]
     yield from zip(numbers, _every(frames, numbers.start, numbers.step), strict=False)
 
@@ -282,7 +274,7 @@ def _noise_rows(frame: LinearImage) -> LinearImage:
 
 def _noise_step(pixels: int) -> int:
     """Distance of these rows."""
-    return max(1, round(pixels / SampleSettings.noise_pixels))
+    return max(1, round(pixels / _NOISE_PIXELS))
 
 
 def _pairs(count: int) -> list[tuple[int, int]]:
@@ -292,7 +284,7 @@ def _pairs(count: int) -> list[tuple[int, int]]:
     differ, since clips may be periodic.
     """
     half = count // 2
-    starts = np.linspace(0, count - 1 - half, SampleSettings.noise_pairs).astype(int)
+    starts = np.linspace(0, count - 1 - half, _NOISE_PAIRS).astype(int)
     return [(int(i), int(i) + max(half - shorter, 1)) for shorter, i in enumerate(starts)]
 
 
@@ -316,11 +308,11 @@ def _check_no_cut(small: Floats, names: Sequence[str]) -> None:
     after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
     change = np.abs(after - small[:-1])
     noise = MAD_TO_STD * np.median(change, axis=(0, 2), keepdims=True)
-    threshold = SampleSettings.max_residual_std * noise
-    threshold = threshold + SampleSettings.min_cut_contrast * np.maximum(after, small[:-1])
+    threshold = _MAX_RESIDUAL_STD * noise
+    threshold = threshold + _MIN_CUT_CONTRAST * np.maximum(after, small[:-1])
     areas = (change > threshold).any(axis=1).mean(axis=1)
     at = int(np.argmax(areas))
-    if areas[at] > SampleSettings.max_changed_area:
+    if areas[at] > _MAX_CHANGED_AREA:
         raise PlateError(
             f"the scene is cut between {names[at]} and {names[at + 1]}: {areas[at]:.0%} of the "
             "picture changes; give the part before or after it (--frames)"
@@ -341,10 +333,10 @@ def _gains(small: Floats, noise: NoiseModel) -> Floats:
 def _check_drift(gain: Floats, names: Sequence[str]) -> None:
     mean = gain.mean(axis=1)
     low, high = int(np.argmin(mean)), int(np.argmax(mean))
-    if mean[high] > SampleSettings.max_gain_ratio * mean[low]:
+    if mean[high] > _MAX_GAIN_RATIO * mean[low]:
         raise PlateError(
             f"the light changes too much for one plate: {names[high]} is "
             f"{mean[high] / mean[low]:.1f} times as bright as {names[low]}, at most "
-            f"{SampleSettings.max_gain_ratio:g} is possible; give a part of the clip with steady light "
+            f"{_MAX_GAIN_RATIO:g} is possible; give a part of the clip with steady light "
             "(--frames)"
         )

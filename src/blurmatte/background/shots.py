@@ -16,17 +16,14 @@ from blurmatte.radiometry import CodedFrame
 Thumbnail = npt.NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class ShotSettings:
-    """When frames belong to one shot."""
-
-    side: int = 16  # pixels of a square
-    min_change_codes: float = 6.0  # of a square's mean: more than noise and coding
-    cut_fraction: float = 0.4  # of the squares, changed at once
-    pan_fraction: float = 0.2  # of the squares, changed in each of several frames
-    min_pan_frames: int = 3
-    min_shot_frames: int = 3  # of which a plate can be made
-    max_gain: float = 1.5  # of the light within a shot, one way or the other
+# When frames belong to one shot.
+_SIDE = 16  # pixels of a square
+_MIN_CHANGE_CODES = 6.0  # of a square's mean: more than noise and coding
+_CUT_FRACTION = 0.4  # of the squares, changed at once
+_PAN_FRACTION = 0.2  # of the squares, changed in each of several frames
+_MIN_PAN_FRAMES = 3
+_MIN_SHOT_FRAMES = 3  # of which a plate can be made
+_MAX_GAIN = 1.5  # of the light within a shot, one way or the other
 
 
 @dataclass(frozen=True)
@@ -63,7 +60,7 @@ class Shot:
 
 def thumbnail(frame: CodedFrame) -> Thumbnail:
     """(h, w) means of the first plane over squares, minus its zero; incomplete squares are dropped."""
-    side = min(ShotSettings.side, *frame.planes[0].shape)
+    side = min(_SIDE, *frame.planes[0].shape)
     h, w = (n // side for n in frame.planes[0].shape)
     luma = frame.planes[0][: h * side, : w * side]
     rows = luma.reshape(h, side, -1).sum(axis=1, dtype=np.float32)  # fast, for rows are contiguous
@@ -81,8 +78,7 @@ def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Shot
     step : float
         Difference of two code values; 0 for light, in which white is 1.
     """
-    settings = ShotSettings
-    least = settings.min_change_codes * (step if step > 0 else 1 / 255)
+    least = _MIN_CHANGE_CODES * (step if step > 0 else 1 / 255)
     shots: list[Shot] = []
     begun, changes = 0, list[float]()
     reason, first, before = "start", None, None
@@ -94,8 +90,8 @@ def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Shot
             continue
         changed = _changed(before, now, least)
         gain = _gain(first, now)
-        if changed > settings.cut_fraction or abs(np.log(gain)) > np.log(settings.max_gain):
-            new = "cut" if changed > settings.cut_fraction else "light"
+        if changed > _CUT_FRACTION or abs(np.log(gain)) > np.log(_MAX_GAIN):
+            new = "cut" if changed > _CUT_FRACTION else "light"
             shots += _with_pans(Shot(begun, index, reason), changes)
             begun, reason, first, changes = index, new, now, []
             changed = 0.0
@@ -119,12 +115,12 @@ def _gain(a: Thumbnail, b: Thumbnail) -> float:
 
 def _with_pans(shot: Shot, changes: list[float]) -> Iterator[Shot]:
     """A shot without cuts, divided where the camera begins to move, and where it stops."""
-    moving = np.array(changes) > ShotSettings.pan_fraction
+    moving = np.array(changes) > _PAN_FRACTION
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(int)))
     pans = [
         (int(a), int(b))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
-        if b - a >= ShotSettings.min_pan_frames
+        if b - a >= _MIN_PAN_FRAMES
     ]
     at, reason = 0, shot.begins_with
     for a, b in pans:
@@ -141,7 +137,7 @@ def _without_flashes(shots: list[Shot]) -> list[Shot]:
     """Shots too short for a plate belong to the one before: a flash, or a dropped frame."""
     kept: list[Shot] = []
     for shot in shots:
-        if kept and len(shot) < ShotSettings.min_shot_frames:
+        if kept and len(shot) < _MIN_SHOT_FRAMES:
             kept[-1] = replace(kept[-1], stop=shot.stop)
         else:
             kept.append(shot)

@@ -16,14 +16,11 @@ _STEP = 1 / 255  # of full scale: a code value of 8 bits
 _AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
 
 
-@dataclass(frozen=True)
-class PlaceSettings:
-    """How many places are chosen and needed."""
-
-    max_pixels: int = 1_000_000  # evenly spaced pixels from which places are chosen
-    per_level: int = 40  # places for each of 256 levels and each channel
-    per_channel: int = 1000  # places of a channel that has few levels
-    min_shared: int = 30  # places that two pictures must share
+# How many places are chosen and needed.
+_MAX_PIXELS = 1_000_000  # evenly spaced pixels from which places are chosen
+_PER_LEVEL = 40  # places for each of 256 levels and each channel
+_PER_CHANNEL = 1000  # places of a channel that has few levels
+MIN_SHARED = 30  # places that two pictures must share
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +74,7 @@ class Bracket:
     def places(self) -> "list[Places]":
         """Places of each channel, or of one if the pictures are gray."""
         gray = all(p.meta.gray for p in self.pictures)
-        step = max(1, round((self.pictures[0].valid.size / PlaceSettings.max_pixels) ** 0.5))
+        step = max(1, round((self.pictures[0].valid.size / _MAX_PIXELS) ** 0.5))
         own, means, spreads = [], [], []
         contrast: Array = np.zeros(1)
         for picture in self.pictures:
@@ -116,7 +113,7 @@ class Places:
         inside = np.count_nonzero((self.around > 0) & (self.around < 1), axis=1) >= 2
         groups = [np.flatnonzero(inside & (level == brightness)) for brightness in range(256)]
         levels = max(1, sum(group.size > 0 for group in groups))
-        each = max(PlaceSettings.per_level, PlaceSettings.per_channel // levels)
+        each = max(_PER_LEVEL, _PER_CHANNEL // levels)
         picked = []
         for group in groups:
             plain = np.sort(group[np.argsort(detail[group], kind="stable")][: -(-len(group) // 2)])
@@ -151,7 +148,7 @@ class Places:
     def shared(self) -> bool:
         """True if enough of them are usable in two pictures."""
         shared = np.count_nonzero(self.usable(_STEP), axis=1) >= 2
-        return int(np.sum(shared)) >= PlaceSettings.min_shared
+        return int(np.sum(shared)) >= MIN_SHARED
 
     @property
     def _inside(self) -> Bools:
@@ -163,7 +160,7 @@ class Places:
         for first, second in pairwise(range(len(bracket.names))):
             names = f"{bracket.names[first]} and {bracket.names[second]}"
             both = inside[:, first] & inside[:, second]
-            if np.count_nonzero(both) < PlaceSettings.min_shared:
+            if np.count_nonzero(both) < MIN_SHARED:
                 raise ResponseError(
                     f"{names} have no code values in common: where one is neither black nor "
                     "clipped the other is; take pictures with exposures in between"

@@ -1,7 +1,7 @@
 """A camera's noise from frames of a still scene, an even region, or the difference to a plate."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,28 +24,25 @@ from blurmatte.statistics import chi_square_quantile, variance_inflation
 _TINY = 1e-20  # light² or a fraction: guards a division
 
 
-@dataclass(frozen=True)
-class RejectionSettings:
-    """Rejection of pixels where the scene changed."""
-
-    pixels_per_level: int = 200  # pixels that determine a variance at one level of light
-    quiet_fraction: float = 0.25  # of the pixels at a level of light that must be still
-    # Of noise beyond four standard deviations, where pixels are rejected
-    tail_probability: float = 6e-5
-    iterations: int = 8  # of rejection and estimation of the variance
-    patch_px: int = 7  # width of the patches in which changes are detected
-    # Quantile of the patches that measures their scatter, and its distance from the mean of a
-    # normal distribution, standard deviations
-    low_quantile: float = 0.1
-    low_quantile_std: float = 1.28
-    # Standard deviations of a patch's mean beyond which the scene changed
-    patch_threshold_std: float = 5.0
-    max_changed_fraction: float = 0.5  # of the picture
-    # Ratio of the typical variance at a level of light to the fitted curve
-    max_over_curve: float = 2.0
-    # Standard deviations from black or white within which noise is truncated
-    end_margin_std: float = 3.0
-    min_variance: float = 1e-14  # light², that of rounding to 32-bit floats
+# Rejection of pixels where the scene changed.
+_PIXELS_PER_LEVEL = 200  # pixels that determine a variance at one level of light
+_QUIET_FRACTION = 0.25  # of the pixels at a level of light that must be still
+# Of noise beyond four standard deviations, where pixels are rejected
+_TAIL_PROBABILITY = 6e-5
+_ITERATIONS = 8  # of rejection and estimation of the variance
+_PATCH_PX = 7  # width of the patches in which changes are detected
+# Quantile of the patches that measures their scatter, and its distance from the mean of a
+# normal distribution, standard deviations
+_LOW_QUANTILE = 0.1
+_LOW_QUANTILE_STD = 1.28
+# Standard deviations of a patch's mean beyond which the scene changed
+_PATCH_THRESHOLD_STD = 5.0
+_MAX_CHANGED_FRACTION = 0.5  # of the picture
+# Ratio of the typical variance at a level of light to the fitted curve
+_MAX_OVER_CURVE = 2.0
+# Standard deviations from black or white within which noise is truncated
+_END_MARGIN_STD = 3.0
+_MIN_VARIANCE = 1e-14  # light², that of rounding to 32-bit floats
 
 
 def measure_noise(frames: Iterable[LinearImage], still: Bools | None = None) -> NoiseFit:
@@ -178,7 +175,7 @@ def _fitted(sample: Sample) -> tuple[NoiseFit, Array, Bools]:
 def _inliers(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
     """(H, W, 3) typical variances and inliers, and the fraction of changed pixels."""
     typical = np.stack([_typical(light[..., c], sample, c) for c in range(3)], axis=-1)
-    noisy = sample.use & (typical > RejectionSettings.min_variance)
+    noisy = sample.use & (typical > _MIN_VARIANCE)
     if not noisy.any(axis=(0, 1)).all():
         raise NoiseError(
             "there is no noise: the pictures are copies of one, or of even areas without any noise; "
@@ -191,7 +188,7 @@ def _inliers(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
         np.array([_channel(light, sample, inliers, c)[0] for c in range(3)])
     )
     expected = curve.variance(light) + sample.step**2 / 12
-    typical = np.minimum(typical, RejectionSettings.max_over_curve * expected)
+    typical = np.minimum(typical, _MAX_OVER_CURVE * expected)
     changed, inliers = _unchanged(sample, typical)
     inliers &= _clear_of_ends(sample, light, typical)
     require_pixels(inliers)
@@ -221,15 +218,15 @@ def _light(sample: Sample) -> Array:
 
 def _typical(light: Array, sample: Sample, c: int) -> Array:
     """(H, W) robust variance of pixels of similar light."""
-    settings, use = RejectionSettings, sample.use[..., c]
+    use = sample.use[..., c]
     x, v, step2 = light[use], sample.v[..., c][use], sample.step[..., c][use] ** 2
-    low = float(chi_square_quantile(settings.quiet_fraction, sample.freedom)) / sample.freedom
+    low = float(chi_square_quantile(_QUIET_FRACTION, sample.freedom)) / sample.freedom
     far = _rejection_ratio(sample)
     at, levels = [], []
-    for piece in parts_by_light(x, RejectionSettings.pixels_per_level):
+    for piece in parts_by_light(x, _PIXELS_PER_LEVEL):
         w, step = v[piece], float(np.mean(step2[piece]))
-        s2 = max(float(np.quantile(w, settings.quiet_fraction)) / low, step / 12)
-        for _ in range(settings.iterations):
+        s2 = max(float(np.quantile(w, _QUIET_FRACTION)) / low, step / 12)
+        for _ in range(_ITERATIONS):
             # Rounding may turn no noise into a whole step.
             near = w[w <= far * s2 + step]
             s2 = float(np.mean(near)) if len(near) else s2
@@ -240,7 +237,7 @@ def _typical(light: Array, sample: Sample, c: int) -> Array:
 
 def _rejection_ratio(sample: Sample) -> float:
     """Upper quantile of v / σ²."""
-    tail = chi_square_quantile(1 - RejectionSettings.tail_probability, sample.freedom)
+    tail = chi_square_quantile(1 - _TAIL_PROBABILITY, sample.freedom)
     return float(tail) / sample.freedom
 
 
@@ -248,19 +245,18 @@ def _unchanged(sample: Sample, typical: Array) -> tuple[float, Bools]:
     """Fraction of changed pixels, and (H, W, 3) those unchanged and within the noise."""
     from scipy.ndimage import uniform_filter
 
-    settings = RejectionSettings
     limit = _rejection_ratio(sample) * typical + sample.step**2
     use = np.asarray(sample.use.all(axis=-1))
-    size = (settings.patch_px, settings.patch_px)
+    size = (_PATCH_PX, _PATCH_PX)
     ratio = (np.minimum(sample.v, limit) / (typical + _TINY)).mean(axis=-1)
     part = uniform_filter(use.astype(float), size)
     patch = uniform_filter(np.where(use, ratio, 0), size) / np.maximum(part, _TINY)
-    below = 1 - float(np.quantile(patch[use], settings.low_quantile)) if use.any() else 0.0
-    white = float(np.sqrt(2 / (3 * sample.freedom * settings.patch_px**2)))
-    scatter = max(below / settings.low_quantile_std, white)
-    changed = patch > 1 + settings.patch_threshold_std * scatter
+    below = 1 - float(np.quantile(patch[use], _LOW_QUANTILE)) if use.any() else 0.0
+    white = float(np.sqrt(2 / (3 * sample.freedom * _PATCH_PX**2)))
+    scatter = max(below / _LOW_QUANTILE_STD, white)
+    changed = patch > 1 + _PATCH_THRESHOLD_STD * scatter
     share = float(np.mean(changed[use])) if use.any() else 0.0
-    if share > settings.max_changed_fraction:
+    if share > _MAX_CHANGED_FRACTION:
         raise NoiseError(
             f"{share:.0%} of the picture changed by more than noise; the scene and the camera must "
             "stay still; or select where they do"
@@ -270,7 +266,7 @@ def _unchanged(sample: Sample, typical: Array) -> tuple[float, Bools]:
 
 def _clear_of_ends(sample: Sample, light: Array, typical: Array) -> Bools:
     """(H, W, 3) where noise is truncated neither at black nor at white, in files of code values."""
-    reach = RejectionSettings.end_margin_std * np.sqrt(typical)
+    reach = _END_MARGIN_STD * np.sqrt(typical)
     return np.asarray((sample.step == 0) | ((light > reach) & (light < 1 - reach)))
 
 
@@ -280,7 +276,7 @@ def _channel(
     """Coefficients of one channel, their covariance, and light, variance, std of the levels."""
     some = inliers[..., c]
     x, v, step2 = (a[..., c][some] for a in (light, sample.v, sample.step**2))
-    pieces = parts_by_light(x, RejectionSettings.pixels_per_level)
+    pieces = parts_by_light(x, _PIXELS_PER_LEVEL)
     at, whole, steps = (np.array([np.mean(a[p]) for p in pieces]) for a in (x, v, step2))
     scatter = np.mean([np.std(v[p]) for p in pieces] / (whole + _TINY))
     spread = scatter * np.sqrt(inflation / np.array([len(p) for p in pieces]))

@@ -21,24 +21,21 @@ Rows = npt.NDArray[np.intp] | slice
 AROUND_PX = 5  # width of the window whose mean light pixels are sorted by
 
 
-@dataclass(frozen=True)
-class SampleSettings:
-    """Which pixels are sampled, and limits on the change between frames."""
-
-    max_pixels: float = 1e6  # pixels sampled of a picture; of larger ones bands of rows are taken
-    band_rows: int = 32  # rows of a band: a multiple of the blocks of compressed files
-    min_pixels: int = 256  # pixels that determine a variance to a tenth
-    max_levels: int = 24  # levels of light: noise is a smooth function of it
-    # Pixels for the drift of brightness, in all and at one level of light
-    drift_pixels: int = 60_000
-    drift_pixels_per_level: int = 500
-    max_drift: float = 0.2  # fraction of the light by which frames of equal exposure may differ
-    tile_px: int = 32  # width of the tiles of an even region whose light is taken for a parabola
-    shift_tiles: int = 4  # tiles a side whose shifts are measured
-    # Fraction of a change explained by a shift by chance, times the number of pixels
-    chance_pixels: float = 30
-    # Fraction of the change's variance that a shift of the camera may explain
-    max_shift_share: float = 0.02
+# Which pixels are sampled, and limits on the change between frames.
+_MAX_PIXELS = 1e6  # pixels sampled of a picture; of larger ones bands of rows are taken
+_BAND_ROWS = 32  # rows of a band: a multiple of the blocks of compressed files
+_MIN_PIXELS = 256  # pixels that determine a variance to a tenth
+_MAX_LEVELS = 24  # levels of light: noise is a smooth function of it
+# Pixels for the drift of brightness, in all and at one level of light
+_DRIFT_PIXELS = 60_000
+_DRIFT_PIXELS_PER_LEVEL = 500
+_MAX_DRIFT = 0.2  # fraction of the light by which frames of equal exposure may differ
+_TILE_PX = 32  # width of the tiles of an even region whose light is taken for a parabola
+_SHIFT_TILES = 4  # tiles a side whose shifts are measured
+# Fraction of a change explained by a shift by chance, times the number of pixels
+_CHANCE_PIXELS = 30
+# Fraction of the change's variance that a shift of the camera may explain
+_MAX_SHIFT_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,9 +117,9 @@ def noise_within(picture: LinearImage, region: Bools) -> Sample:
     require_pixels(use)
     light, e = np.asarray(picture.rgb[place], float), np.zeros(use.shape)
     use &= use.all(axis=-1, keepdims=True)
-    for y in range(0, use.shape[0], SampleSettings.tile_px):
-        for x in range(0, use.shape[1], SampleSettings.tile_px):
-            tile = tuple(slice(at, at + SampleSettings.tile_px) for at in (y, x))
+    for y in range(0, use.shape[0], _TILE_PX):
+        for x in range(0, use.shape[1], _TILE_PX):
+            tile = tuple(slice(at, at + _TILE_PX) for at in (y, x))
             e[tile], use[tile] = _parabola_residuals(light[tile], use[tile])
     require_pixels(use)
     light = light - e
@@ -134,26 +131,24 @@ def noise_within(picture: LinearImage, region: Bools) -> Sample:
 def require_pixels(use: Bools) -> None:
     """Raise NoiseError unless each channel has enough pixels."""
     count = int(use.sum(axis=(0, 1)).min())
-    if count < SampleSettings.min_pixels:
+    if count < _MIN_PIXELS:
         raise NoiseError(
-            f"{count} pixels are usable to measure noise, {SampleSettings.min_pixels} are needed: the "
+            f"{count} pixels are usable to measure noise, {_MIN_PIXELS} are needed: the "
             "others are clipped or changed; expose so that nothing is black or white, or select more"
         )
 
 
 def parts_by_light(light: Floats, each: int) -> list[npt.NDArray[np.intp]]:
     """Indices of (N,) light in groups of similar light, at least `each` pixels, the darkest first."""
-    count = int(np.clip(len(light) // each, 1, SampleSettings.max_levels))
+    count = int(np.clip(len(light) // each, 1, _MAX_LEVELS))
     return np.array_split(np.argsort(light, kind="stable"), count)
 
 
 def rows_to_measure(picture: LinearImage) -> Rows:
     """Rows to sample: all, or of large pictures bands spread over them."""
-    every = int(np.ceil(picture.valid.size / SampleSettings.max_pixels))
+    every = int(np.ceil(picture.valid.size / _MAX_PIXELS))
     row = np.arange(len(picture.valid))
-    return (
-        slice(None) if every == 1 else np.flatnonzero(row // SampleSettings.band_rows % every == 0)
-    )
+    return slice(None) if every == 1 else np.flatnonzero(row // _BAND_ROWS % every == 0)
 
 
 def _light(picture: LinearImage, rows: Rows) -> Light:
@@ -188,12 +183,12 @@ def _without_drift(change: Light, light: Light, use: Bools, number: int) -> Ligh
     rest = change.copy()
     for c in range(3):
         some = np.flatnonzero(use[..., c])
-        some = some[:: max(len(some) // SampleSettings.drift_pixels, 1)]
+        some = some[:: max(len(some) // _DRIFT_PIXELS, 1)]
         x, d, sorted_by = (a[..., c].ravel()[some] for a in (light, change, around))
-        parts = parts_by_light(sorted_by, SampleSettings.drift_pixels_per_level)
+        parts = parts_by_light(sorted_by, _DRIFT_PIXELS_PER_LEVEL)
         at, drift = (np.array([np.median(a[part]) for part in parts]) for a in (x, d))
         noise = 4 * float(np.median(np.abs(d[parts[-1]] - drift[-1])))
-        if at[-1] > 0 and abs(drift[-1]) > max(SampleSettings.max_drift * at[-1], noise):
+        if at[-1] > 0 and abs(drift[-1]) > max(_MAX_DRIFT * at[-1], noise):
             raise NoiseError(
                 f"the brightness of frame {number} differs from the one before by "
                 f"{drift[-1] / at[-1]:+.0%}; frames must be taken alike, with the same exposure"
@@ -216,7 +211,7 @@ def _shift(light: Light, change: Light, use: Bools) -> tuple[float, float]:
     if not inside.any():
         return 0.0, 0.0
     limit = 4 * robust_std(d[inside])
-    count = SampleSettings.shift_tiles
+    count = _SHIFT_TILES
     d, g = np.where(inside, np.clip(d, -limit, limit), 0), np.where(inside[..., None], g, 0)
     tiles = [
         (np.einsum("hwi,hwj->ij", q, q), np.einsum("hwi,hw->i", q, p))
@@ -230,12 +225,12 @@ def _shift(light: Light, change: Light, use: Bools) -> tuple[float, float]:
     most = textured[: len(textured) // 2 + 1]
     s = np.median([np.linalg.solve(A, b) for _, A, b in most], axis=0)
     explained = s @ np.sum([A for A, _ in tiles], axis=0) @ s / max(np.sum(d**2), 1e-30)
-    by_chance = SampleSettings.chance_pixels / np.count_nonzero(inside)
+    by_chance = _CHANCE_PIXELS / np.count_nonzero(inside)
     return float(np.linalg.norm(s)), float(explained) - by_chance
 
 
 def _require_still(shifted: list[tuple[float, float]]) -> None:
-    if np.mean([share for _, share in shifted]) > SampleSettings.max_shift_share:
+    if np.mean([share for _, share in shifted]) > _MAX_SHIFT_SHARE:
         farthest = max(s for s, _ in shifted)
         raise NoiseError(
             f"the camera moved: frames are shifted by up to {farthest:.2g} pixels against each other; "

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.calibration.bracket import Bracket, Places, PlaceSettings
+from blurmatte.calibration.bracket import MIN_SHARED, Bracket, Places
 from blurmatte.calibration.response_prior import CELLS, ResponsePrior, response_prior
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import ResponseError
@@ -33,27 +33,24 @@ from blurmatte.statistics import chi_square_quantile
 _CODES = np.arange(CELLS + 1) / CELLS
 
 
-@dataclass(frozen=True)
-class ResponseSettings:
-    """Prior, rejection and convergence of the fit."""
-
-    # Prior standard deviation of the black level, of full scale; video's is 0.004 (16 of 255), that
-    # of log curves 0.0004
-    black_std: float = 0.002
-    # Standard deviations of the noise that code values keep from the ends of the range
-    margin_std: float = 2.0
-    rejected_probability: float = 1e-4  # of an inlier to be rejected
-    max_iterations: int = 25  # of Gauss-Newton
-    # Longest step, and the step at convergence, standard deviations of the prior
-    max_step_std: float = 2.0
-    min_step_std: float = 0.02
-    start_places: int = 500  # places on which the curves of the prior's family are compared
-    min_agreement: float = 0.7  # fraction of the places that must agree with the curve
-    max_noise: float = 6 / 255  # of a code value, fraction of full scale; more is motion
-    channel_std: float = 3.0  # standard deviations by which different channels must differ
-    # Groups of code values for mean residuals, and places in one
-    groups: int = 16
-    min_group_places: int = 20
+# Prior, rejection and convergence of the fit.
+# Prior standard deviation of the black level, of full scale; video's is 0.004 (16 of 255), that
+# of log curves 0.0004
+_BLACK_STD = 0.002
+# Standard deviations of the noise that code values keep from the ends of the range
+_MARGIN_STD = 2.0
+_REJECTED_PROBABILITY = 1e-4  # of an inlier to be rejected
+_MAX_ITERATIONS = 25  # of Gauss-Newton
+# Longest step, and the step at convergence, standard deviations of the prior
+_MAX_STEP_STD = 2.0
+_MIN_STEP_STD = 0.02
+_START_PLACES = 500  # places on which the curves of the prior's family are compared
+_MIN_AGREEMENT = 0.7  # fraction of the places that must agree with the curve
+_MAX_NOISE = 6 / 255  # of a code value, fraction of full scale; more is motion
+_CHANNEL_STD = 3.0  # standard deviations by which different channels must differ
+# Groups of code values for mean residuals, and places in one
+_GROUPS = 16
+_MIN_GROUP_PLACES = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,14 +171,14 @@ class _State:
     def light(self) -> Array:
         """(CELLS + 1,) G at the code values between the cells."""
         rising = np.concatenate([[0], np.cumsum(self.slopes)]) / CELLS
-        return np.asarray(rising - ResponseSettings.black_std * self.black)
+        return np.asarray(rising - _BLACK_STD * self.black)
 
     @property
     def derivatives(self) -> Array:
         """(CELLS + 1, rank + 1) derivatives of G by z and black."""
         by_z = np.cumsum(self.prior.basis * self.slopes[:, None], axis=0) / CELLS
         by_z = np.concatenate([np.zeros((1, len(self.z))), by_z])
-        by_black = np.full((CELLS + 1, 1), -ResponseSettings.black_std)
+        by_black = np.full((CELLS + 1, 1), -_BLACK_STD)
         return np.concatenate([by_z, by_black], axis=1)
 
     def moved(self, step: Array, time_std: float) -> "_State":
@@ -221,7 +218,7 @@ class _Fit:
 
 def _check_agreement(fit: _Fit) -> None:
     """Raise ResponseError if too few places agree with the curve, or the noise is too large."""
-    if fit.agreement < ResponseSettings.min_agreement or fit.noise > ResponseSettings.max_noise:
+    if fit.agreement < _MIN_AGREEMENT or fit.noise > _MAX_NOISE:
         raise ResponseError(
             f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
             f"to {255 * fit.noise:.1f} of 255 code values; the camera or the scene moved, the light "
@@ -271,8 +268,8 @@ def _quantile(dof: npt.NDArray[np.intp], probability: float) -> Array:
 def _start(places: Places, bracket: Bracket) -> _State:
     """The curve of the family with the least trimmed sum of squares."""
     prior = response_prior()
-    some = places.some(ResponseSettings.start_places)
-    usable = some.usable(ResponseSettings.margin_std * max(bracket.rounding, some.scatter))
+    some = places.some(_START_PLACES)
+    usable = some.usable(_MARGIN_STD * max(bracket.rounding, some.scatter))
 
     def cost(state: _State) -> float:
         """Sum of squares, with a bound that limits outliers."""
@@ -286,27 +283,26 @@ def _start(places: Places, bracket: Bracket) -> _State:
 
 def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
     state = start.state if start else _start(places, bracket)
-    settings = ResponseSettings
-    margin = settings.margin_std * (start.noise if start else max(bracket.rounding, places.scatter))
-    for _ in range(settings.max_iterations):
+    margin = _MARGIN_STD * (start.noise if start else max(bracket.rounding, places.scatter))
+    for _ in range(_MAX_ITERATIONS):
         usable = places.usable(margin)
         prediction = _predicted(state, places.codes, bracket.ratios, usable)
         squares, dof = _squares(places, prediction.codes, usable)
-        if len(squares) < PlaceSettings.min_shared:
+        if len(squares) < MIN_SHARED:
             raise ResponseError(
                 "the pictures are too noisy, or show too much detail, to compare them; "
                 "average several of each exposure, or photograph something with plain surfaces"
             )
         noise = max(float(np.median(squares / _quantile(dof, 0.5))) ** 0.5, bracket.rounding)
-        good = squares <= noise**2 * _quantile(dof, 1 - settings.rejected_probability)
+        good = squares <= noise**2 * _quantile(dof, 1 - _REJECTED_PROBABILITY)
         kept = np.flatnonzero(np.count_nonzero(usable, axis=1) >= 2)[good]
         data = _Data(places.codes[kept], usable[kept], noise, bracket)
         prediction = prediction.of(kept)
         step, covariance = _step(state, data, prediction)
         size = float(np.abs(step).max())
-        state = _shortened(state, step * min(1, settings.max_step_std / size), data, prediction)
-        margin = settings.margin_std * noise
-        if size < settings.min_step_std:
+        state = _shortened(state, step * min(1, _MAX_STEP_STD / size), data, prediction)
+        margin = _MARGIN_STD * noise
+        if size < _MIN_STEP_STD:
             break
     return _Fit(
         state,
@@ -394,13 +390,13 @@ def _normalized(state: _State, covariance: Array) -> tuple[Array, Array]:
 
 def _grouped(data: _Data, prediction: _Prediction) -> Array:
     """(pictures, groups) mean residual by code value; NaN where there are few."""
-    groups = ResponseSettings.groups
+    groups = _GROUPS
     group = np.clip((prediction.codes * groups).astype(int), 0, groups - 1)
     residual = data.codes - prediction.codes
     means = np.full((residual.shape[1], groups), np.nan)
     for picture, number in np.ndindex(*means.shape):
         inside = data.usable[:, picture] & (group[:, picture] == number)
-        if np.count_nonzero(inside) >= ResponseSettings.min_group_places:
+        if np.count_nonzero(inside) >= _MIN_GROUP_PLACES:
             means[picture, number] = residual[inside, picture].mean()
     return means
 
@@ -418,7 +414,7 @@ def _compared(
     for places in channels:
         own = _fit(places, bracket, fit) if places.shared() else fit
         apart.append(np.abs(own.light - fit.light))
-        allowed = ResponseSettings.channel_std * np.hypot(own.light_std, fit.light_std)
+        allowed = _CHANNEL_STD * np.hypot(own.light_std, fit.light_std)
         agree &= bool(np.all(apart[-1] <= allowed + 1e-12))
     red, green, blue = (float(difference.max()) for difference in apart)
     return (red, green, blue), agree, np.sqrt(np.sum(np.square(apart), axis=0) / 2)

@@ -10,7 +10,6 @@ so that texture of the object counts as noise.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,19 +20,15 @@ from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.statistics import window_sums
 from blurmatte.streaks import Streak, require_streaks
 
-
-@dataclass(frozen=True)
-class CoreSettings:
-    """Which pixels count as opaque."""
-
-    window_px: int = 7  # width of the neighborhood of v
-    zero_std: float = 2.0  # standard deviations within which v is zero
-    # Largest standard deviation of v for a pixel, and for a connected piece of the core
-    max_std: float = 0.15
-    max_piece_std: float = 0.05
-    # Standard deviation of v for a perfect fit: a plate has errors of its own
-    min_piece_std: float = 0.01
-    min_area_px: int = 9  # pixels of a piece
+# Which pixels count as opaque.
+_WINDOW_PX = 7  # width of the neighborhood of v
+_ZERO_STD = 2.0  # standard deviations within which v is zero
+# Largest standard deviation of v for a pixel, and for a connected piece of the core
+_MAX_STD = 0.15
+_MAX_PIECE_STD = 0.05
+# Standard deviation of v for a perfect fit: a plate has errors of its own
+_MIN_PIECE_STD = 0.01
+_MIN_AREA_PX = 9  # pixels of a piece
 
 
 def pick_colors(image: LinearImage, x: float, y: float, radius: float = 2) -> Array:
@@ -111,16 +106,16 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
     if streak is None:
         streak = require_streaks(image, plate)[0]
     terms = _terms(image, plate, streak)
-    v, v_std = _share(*terms, lambda x: window_sums(x, CoreSettings.window_px, "constant"))
-    window = np.ones((CoreSettings.window_px, CoreSettings.window_px), bool)
+    v, v_std = _share(*terms, lambda x: window_sums(x, _WINDOW_PX, "constant"))
+    window = np.ones((_WINDOW_PX, _WINDOW_PX), bool)
     known = ndimage.binary_erosion(streak.mask[streak.rows_columns], window)
-    known &= v_std < CoreSettings.max_std
+    known &= v_std < _MAX_STD
     if not known.any():
         raise ColorModelError(
             "the plate behind the streak has too little texture to find opaque pixels; give the color, "
             "or pick pixels of the object alone"
         )
-    core = _opaque_pieces(known & (np.abs(v) < CoreSettings.zero_std * v_std), terms)
+    core = _opaque_pieces(known & (np.abs(v) < _ZERO_STD * v_std), terms)
     core &= image.valid[streak.rows_columns]
     if not core.any():
         raise ColorModelError(
@@ -170,9 +165,8 @@ def _opaque_pieces(candidates: Bools, terms: tuple[Array, Array, Array]) -> Bool
 
     v, v_std = _share(*terms, in_each)
     area = in_each(np.ones(pieces.shape))
-    settings = CoreSettings
-    opaque = v < settings.zero_std * np.maximum(v_std, settings.min_piece_std)
-    opaque &= (v_std < settings.max_piece_std) & (area >= settings.min_area_px)
+    opaque = v < _ZERO_STD * np.maximum(v_std, _MIN_PIECE_STD)
+    opaque &= (v_std < _MAX_PIECE_STD) & (area >= _MIN_AREA_PX)
     core = np.isin(pieces, numbers[opaque])
     deep = ndimage.binary_erosion(core, iterations=1)  # v of a rim contains the inside
-    return np.asarray(deep if np.count_nonzero(deep) >= settings.min_area_px else core)
+    return np.asarray(deep if np.count_nonzero(deep) >= _MIN_AREA_PX else core)

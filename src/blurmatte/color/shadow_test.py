@@ -8,8 +8,6 @@ the fraction a of the plate's light, nearly equal in all channels: with its hue 
 The residual from this is light of an object, or the plate does not match.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from blurmatte.checks import Array, Bools
@@ -18,26 +16,22 @@ from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.statistics import block_sums, window_sums
 from blurmatte.streaks import Streak, dilated, shift_variance
 
-
-@dataclass(frozen=True)
-class ShadowSettings:
-    """Limits of the shadow model."""
-
-    margin_px: int = 16  # width of the unchanged surroundings of a streak
-    # Relative difference of a channel of a shadow from their mean, by illuminants of several colors
-    max_hue: float = 0.1
-    iterations: int = 6  # of fitting the hue, which converges in three
-    # Light of an object over the change; less may be an error of the plate
-    min_object_light: float = 0.06
-    # Standard deviations by which the residual's energy must exceed that of noise
-    noise_std: float = 3.0
-    block_px: int = 8  # width of the blocks over which noise may be correlated
-    # Change outside the streak, over that within it, that is taken for another moving object
-    min_other_motion: float = 0.5
-    min_other_motion_chi2: float = 3.0  # the same over the variance of noise
-    window_px: int = 3  # width of the window in which single pixels are tested
-    darker_std: float = 4.0  # standard deviations of the loss of light there, and of the residual
-    max_residual: float = 0.15  # residual there over the light lost
+# Limits of the shadow model.
+_MARGIN_PX = 16  # width of the unchanged surroundings of a streak
+# Relative difference of a channel of a shadow from their mean, by illuminants of several colors
+_MAX_HUE = 0.1
+_ITERATIONS = 6  # of fitting the hue, which converges in three
+# Light of an object over the change; less may be an error of the plate
+_MIN_OBJECT_LIGHT = 0.06
+# Standard deviations by which the residual's energy must exceed that of noise
+_NOISE_STD = 3.0
+_BLOCK_PX = 8  # width of the blocks over which noise may be correlated
+# Change outside the streak, over that within it, that is taken for another moving object
+_MIN_OTHER_MOTION = 0.5
+_MIN_OTHER_MOTION_CHI2 = 3.0  # the same over the variance of noise
+_WINDOW_PX = 3  # width of the window in which single pixels are tested
+_DARKER_STD = 4.0  # standard deviations of the loss of light there, and of the residual
+_MAX_RESIDUAL = 0.15  # residual there over the light lost
 
 
 ONLY_DARKER = (
@@ -64,7 +58,7 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
     True for shadows, and for objects whose light is less than 6 % of the change, of the plate's hue,
     or below the noise. False where nothing changed. The noise must be known.
     """
-    box = streak.around(ShadowSettings.margin_px)
+    box = streak.around(_MARGIN_PX)
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
     use = image.valid & plate.valid
@@ -74,13 +68,13 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
     rest = lost - _of_shadow(lost, B, inside)
     outside = use & ~inside & ~_other_motion(lost, inside & use)
     change, residual = (_energy(x, inside & use, outside) for x in (lost, rest))
-    return change > 0 and residual <= ShadowSettings.min_object_light**2 * change
+    return change > 0 and residual <= _MIN_OBJECT_LIGHT**2 * change
 
 
 def darker_pixels(image: LinearImage, plate: LinearImage) -> Bools:
     """(h, w) True where the image, of known noise, is a darker copy of the plate in a small window."""
     lost, B = _over_noise(image, plate, smooth_variance(image) + smooth_variance(plate))
-    size, limit = ShadowSettings.window_px, ShadowSettings.darker_std
+    size, limit = _WINDOW_PX, _DARKER_STD
     dd, db, bb, count = (
         np.maximum(window_sums(x, size), 0)
         for x in (
@@ -92,7 +86,7 @@ def darker_pixels(image: LinearImage, plate: LinearImage) -> Bools:
     )
     part = db / np.maximum(bb, 1e-12)
     rest = dd - part * db
-    allowed = count + limit * np.sqrt(2 * count) + (ShadowSettings.max_residual * part) ** 2 * bb
+    allowed = count + limit * np.sqrt(2 * count) + (_MAX_RESIDUAL * part) ** 2 * bb
     clear = part * np.sqrt(bb) > limit
     return np.asarray(clear & (rest < allowed) & (count > 0))
 
@@ -110,14 +104,14 @@ def _of_shadow(lost: Array, B: Array, inside: Bools) -> Array:
     The hue t is fitted with a of the neighbors, which is independent of a pixel's noise.
     """
     t, shares, squares = np.ones(3), lost * B, B * B
-    for _ in range(ShadowSettings.iterations):
+    for _ in range(_ITERATIONS):
         a = _part(shares, squares, t)
         of_neighbors = sum(np.roll(a * inside, n, axis) for n in (-1, 1) for axis in (0, 1)) / 4
         weight = of_neighbors * inside
         ratio = np.einsum("hw,hwc->c", weight, shares) / np.maximum(
             np.einsum("hw,hwc->c", weight * a, squares), 1e-12
         )
-        hue = ShadowSettings.max_hue
+        hue = _MAX_HUE
         t = np.clip(ratio / max(float(ratio.mean()), 1e-12), 1 - hue, 1 + hue)
     return np.asarray(_part(shares, squares, t)[..., None] * t * B)
 
@@ -134,17 +128,16 @@ def _other_motion(lost: Array, inside: Bools) -> Bools:
     around = np.roll(lost, 1, axis=0) + np.roll(lost, 1, axis=1)
     shared: Array = np.einsum("hwc,hwc->hw", lost, around)
     usual = float(shared[inside].sum()) / max(int(np.count_nonzero(inside)), 1)
-    settings = ShadowSettings
-    threshold = max(settings.min_other_motion * usual, settings.min_other_motion_chi2)
-    much: Bools = uniform_filter(shared, settings.block_px) > threshold
-    return dilated(much & ~inside, settings.block_px)
+    threshold = max(_MIN_OTHER_MOTION * usual, _MIN_OTHER_MOTION_CHI2)
+    much: Bools = uniform_filter(shared, _BLOCK_PX) > threshold
+    return dilated(much & ~inside, _BLOCK_PX)
 
 
 def _energy(x: Array, inside: Bools, outside: Bools) -> float:
     """Mean product of neighbors inside, minus an upper bound of that of noise."""
     usual, spread = _neighbor_product(x, outside)
-    blocks = max(np.count_nonzero(inside) / ShadowSettings.block_px**2, 1)
-    bound = usual + ShadowSettings.noise_std * spread / float(np.sqrt(blocks))
+    blocks = max(np.count_nonzero(inside) / _BLOCK_PX**2, 1)
+    bound = usual + _NOISE_STD * spread / float(np.sqrt(blocks))
     return _neighbor_product(x, inside)[0] - bound
 
 
@@ -156,7 +149,7 @@ def _neighbor_product(x: Array, where: Bools) -> tuple[float, float]:
         both[(slice(None),) * axis + (slice(-1, None),)] = False
         total += both * np.einsum("hwc,hwc->hw", x, np.roll(x, -1, axis))
         count += both
-    size = ShadowSettings.block_px
+    size = _BLOCK_PX
     sums, counts = (block_sums(z, size) for z in (total, count))
     full = counts > size**2
     mean = float(total.sum() / max(count.sum(), 1))

@@ -6,7 +6,7 @@ estimate is the posterior mean and covariance (`posterior.py`). For a plate of o
 determined, which raises ColorModelError.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,24 +24,21 @@ _BLOCK = 16  # pixels: noise of nearer pixels may be correlated by JPEG with sub
 _IF_ROUND = "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"
 
 
-@dataclass(frozen=True)
-class ColorFitSettings:
-    """Requirements on pixels, and limits of an accepted fit."""
-
-    # Usable pixels of a streak, and those selected of a larger one
-    min_pixels: int = 20
-    max_pixels: int = 2500
-    max_angle_std_deg: float = 3.0  # standard deviation of the direction
-    # The same over the angle to the plate's hue: the relative error of alpha
-    max_scale_std: float = 0.2
-    # Residual over the change between plate and image; one paint leaves 0.05, two 0.13
-    max_unexplained: float = 0.1
-    max_infeasible: float = 0.05  # fraction of pixels with infeasible alpha or light
-    # Quantization step of coarsely compressed chroma, codes; quality 95 has 10
-    min_coarse_step: float = 15.0
-    min_coarse_blocks: int = 3  # coded units of such a file that a streak must cover
-    recompressions: int = 2  # images rendered for the error of compression
-    recompression_margin_px: int = 24  # surroundings of the streak in these
+# Requirements on pixels, and limits of an accepted fit.
+# Usable pixels of a streak, and those selected of a larger one
+_MIN_PIXELS = 20
+_MAX_PIXELS = 2500
+_MAX_ANGLE_STD_DEG = 3.0  # standard deviation of the direction
+# The same over the angle to the plate's hue: the relative error of alpha
+_MAX_SCALE_STD = 0.2
+# Residual over the change between plate and image; one paint leaves 0.05, two 0.13
+_MAX_UNEXPLAINED = 0.1
+_MAX_INFEASIBLE = 0.05  # fraction of pixels with infeasible alpha or light
+# Quantization step of coarsely compressed chroma, codes; quality 95 has 10
+_MIN_COARSE_STEP = 15.0
+_MIN_COARSE_BLOCKS = 3  # coded units of such a file that a streak must cover
+_RECOMPRESSIONS = 2  # images rendered for the error of compression
+_RECOMPRESSION_MARGIN_PX = 24  # surroundings of the streak in these
 
 
 def fit_color_from_hues(
@@ -116,10 +113,10 @@ def check_chroma_resolution(image: LinearImage, streak: Streak) -> None:
     then fit it as well as right ones.
     """
     file = image.meta.sharing
-    if file is None or np.median(file.chroma) < ColorFitSettings.min_coarse_step:
+    if file is None or np.median(file.chroma) < _MIN_COARSE_STEP:
         return
     pixels, (w, h) = np.count_nonzero(streak.mask), file.mcu
-    needed = ColorFitSettings.min_coarse_blocks
+    needed = _MIN_COARSE_BLOCKS
     if pixels < needed * w * h:
         raise ColorModelError(
             f"the streak covers {pixels} pixels, less than {needed} blocks of {w} by {h} in which this "
@@ -140,13 +137,12 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
     for picture in (image, plate):
         used &= (picture.rgb > 2 * np.sqrt(image.variance)).all(axis=-1)
     y, x = np.nonzero(used)
-    settings = ColorFitSettings
-    if len(y) < settings.min_pixels:
+    if len(y) < _MIN_PIXELS:
         raise ColorModelError(
             f"only {len(y)} pixels of the streak are neither clipped nor before a black plate, "
-            f"{settings.min_pixels} are needed; give the color (--color, model=), or change exposure"
+            f"{_MIN_PIXELS} are needed; give the color (--color, model=), or change exposure"
         )
-    step = max(1, -(-len(y) // settings.max_pixels))
+    step = max(1, -(-len(y) // _MAX_PIXELS))
     y, x = y[::step], x[::step]
     # Blocks on the grid of JPEG, which starts at the picture's corner.
     at = np.stack([y + box[1], x + box[0]], axis=1)
@@ -171,10 +167,10 @@ def _compression_covariance(
     l: Array, evidence: Evidence, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> Array:
     """(3, 3) covariance from compression of the image; see `compression_error`."""
-    box = streak.around(ColorFitSettings.recompression_margin_px)
+    box = streak.around(_RECOMPRESSION_MARGIN_PX)
     image, plate = image.crop(box), plate.crop(box)
     streak = replace(streak, mask=streak.mask[box[1] : box[3], box[0] : box[2]])
-    count = ColorFitSettings.recompressions
+    count = _RECOMPRESSIONS
     images, behind = recompressed(l, image, plate, streak, count)
     found = [posterior(evidence, _streak_pixels(again, behind, streak))[0] for again in images]
     off = np.array(found) - l
@@ -190,8 +186,7 @@ def _check_determined(model: ColorModel, pixels: Pixels) -> None:
     """Raise ColorModelError if the direction is too uncertain."""
     B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
     near = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(B @ model.pole, -1, 1)) ** 2))))
-    settings = ColorFitSettings
-    if model.angle_std <= min(settings.max_angle_std_deg, settings.max_scale_std * near):
+    if model.angle_std <= min(_MAX_ANGLE_STD_DEG, _MAX_SCALE_STD * near):
         return
     spread = np.degrees(np.sqrt(np.mean(1 - np.clip(B @ unit(B.mean(axis=0)), -1, 1) ** 2)))
     said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in model.evidence.items())
@@ -216,9 +211,8 @@ def _check_fit(model: ColorModel, pixels: Pixels) -> None:
     infeasible = np.maximum(-a.alpha, a.alpha - 1) > np.maximum(3 * a.alpha_std, 2 * SLACK)
     negative = 2 * SLACK * np.linalg.norm(pixels.B, axis=1)
     infeasible |= -a.k > np.maximum(3 * a.k_std, negative)
-    settings = ColorFitSettings
-    misfits = unexplained > settings.max_unexplained**2 * moved
-    if misfits or np.mean(infeasible) > settings.max_infeasible:
+    misfits = unexplained > _MAX_UNEXPLAINED**2 * moved
+    if misfits or np.mean(infeasible) > _MAX_INFEASIBLE:
         raise ColorModelError(
             "no single color explains the streak: the best fit leaves a residual of "
             f"{np.sqrt(max(unexplained / moved, 0)):.0%} of the change, and {np.mean(infeasible):.0%} "

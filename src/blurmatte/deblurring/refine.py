@@ -45,20 +45,16 @@ _DERIVATIVE_STEP_PX = 1.0  # on a sphere: motion between two moments
 _LEAST_RADIUS = 8.0  # of an object in coarse pictures, nodes
 
 
-@dataclass(frozen=True)
-class SecantLimits:
-    """Of secants that correct the curvature.
-
-    Parameters
-    ----------
-    least_curvature : float
-        Along a step, of that of the information.
-    longest_std : float
-        Length of a step, standard deviations: over longer ones the curvature changes.
-    """
-
-    least_curvature: float = 0.1
-    longest_std: float = 6.0
+# Of secants that correct the curvature.
+#
+# Parameters
+# ----------
+# least_curvature : float
+# Along a step, of that of the information.
+# longest_std : float
+# Length of a step, standard deviations: over longer ones the curvature changes.
+_LEAST_CURVATURE = 0.1
+_LONGEST_STD = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,7 +168,7 @@ def _likeliest(
         information, gradient = information_of(state, first, lattice)
         if before is not None and isinstance(lattice, Sphere):
             last = _parameters(state.views) - before[0]
-            if last @ information @ last < SecantLimits.longest_std**2:
+            if last @ information @ last < _LONGEST_STD**2:
                 secants.append((last, before[1] - gradient))
         before = _parameters(state.views), gradient
         information = with_curvature(information, secants)
@@ -210,8 +206,8 @@ def with_curvature(information: Array, secants: Sequence[Secant]) -> Array:
     for step, change in secants:
         Ms = M @ step
         expected, measured = step @ Ms, step @ change
-        if measured < SecantLimits.least_curvature * expected:
-            part = (1 - SecantLimits.least_curvature) * expected / (expected - measured)
+        if measured < _LEAST_CURVATURE * expected:
+            part = (1 - _LEAST_CURVATURE) * expected / (expected - measured)
             change = part * change + (1 - part) * Ms
         M = M - np.outer(Ms, Ms) / expected + np.outer(change, change) / (step @ change)
     return np.asarray(M)

@@ -34,19 +34,16 @@ from blurmatte.sweep.sweep import Diagnostics, Sweep
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class RevisionSettings:
-    """Settings of the search for other motions."""
-
-    radii: tuple[float, float] = (3.0, 6.0)  # of the object in coarse pictures, blocks
-    max_steps: int = 20
-    least_gain: float = 2.0  # of the log evidence by a step: the path is refined again
-    scales: tuple[float, ...] = (1.0, 0.7, 1.4)  # of paths to start from
-    far: float = 0.1  # change of the path, of the radius, from which other starts are tried
-    held_std_px: float = 1e-3  # of parameters that are held
-    # Share of the information of coarse pictures that the prior of the last refinement keeps. Their
-    # light determines the motion again, so this is the share that counts twice.
-    kept_information: float = 0.01
+# Settings of the search for other motions.
+_RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
+_MAX_STEPS = 20
+_LEAST_GAIN = 2.0  # of the log evidence by a step: the path is refined again
+_SCALES = (1.0, 0.7, 1.4)  # of paths to start from
+_FAR = 0.1  # change of the path, of the radius, from which other starts are tried
+_HELD_STD_PX = 1e-3  # of parameters that are held
+# Share of the information of coarse pictures that the prior of the last refinement keeps. Their
+# light determines the motion again, so this is the share that counts twice.
+_KEPT_INFORMATION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,9 +71,9 @@ class _Level:
         return refined(
             [view],
             self.lattice,
-            RevisionSettings.max_steps,
+            _MAX_STEPS,
             self.weights,
-            RevisionSettings.least_gain,
+            _LEAST_GAIN,
         )
 
 
@@ -121,9 +118,7 @@ class _Start:
 def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
     view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius))).for_path()
-    coarse, fine = (
-        _Level.of(view, max(1, round(sweep.radius / radius))) for radius in RevisionSettings.radii
-    )
+    coarse, fine = (_Level.of(view, max(1, round(sweep.radius / radius))) for radius in _RADII)
     known = _Start.of(fine, sweep)
     least = known.log_evidence + DECISIVE_LOG_BAYES_FACTOR
     starts = [known] if known.expected >= least else []
@@ -136,7 +131,7 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     if not found:
         return sweep
     best, held, before = max(found, key=lambda one: one[0].log_evidence)
-    wider = np.full(len(best.sweep.covariance), RevisionSettings.kept_information**-0.5)
+    wider = np.full(len(best.sweep.covariance), _KEPT_INFORMATION**-0.5)
     for k in held:
         wider[k] = np.sqrt(before.covariance[k, k] / best.sweep.covariance[k, k])
     return replace(
@@ -193,9 +188,7 @@ def _is_far(sweep: Sweep, other: Sweep) -> bool:
     """True if the paths differ by a part of the radius, or the radii do."""
     ends = np.array([0.0, 1.0])
     apart = np.abs(sweep.family.at(sweep.path, ends)[0] - other.family.at(other.path, ends)[0])
-    return bool(
-        max(apart.max(), abs(sweep.radius - other.radius)) > RevisionSettings.far * other.radius
-    )
+    return bool(max(apart.max(), abs(sweep.radius - other.radius)) > _FAR * other.radius)
 
 
 def _scaled(sweep: Sweep) -> list[Sweep]:
@@ -203,7 +196,7 @@ def _scaled(sweep: Sweep) -> list[Sweep]:
     points = 2 * (len(sweep.path) // 2)
     xy = sweep.path[:points].reshape(-1, 2)
     middle, found = xy.mean(axis=0), []
-    for scale in RevisionSettings.scales:
+    for scale in _SCALES:
         path = sweep.path.copy()
         path[:points] = (middle + scale * (xy - middle)).ravel()
         found.append(replace(sweep, path=path))
@@ -231,7 +224,7 @@ def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
     wider = np.full(len(sweep.covariance), sweep.radius)
     wider /= np.sqrt(max(np.diag(sweep.covariance)[:points].max(), 1e-9))
     for k in held:
-        wider[k] = RevisionSettings.held_std_px / np.sqrt(sweep.covariance[k, k])
+        wider[k] = _HELD_STD_PX / np.sqrt(sweep.covariance[k, k])
     covariance = sweep.covariance * wider * wider[:, None]
     if silhouette.order > 1 or silhouette.changes == grows:
         return replace(sweep, covariance=covariance)

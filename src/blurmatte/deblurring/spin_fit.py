@@ -23,9 +23,14 @@ from blurmatte.deblurring.refine import Explained, explained, refined, scores
 from blurmatte.deblurring.sphere import HARMONICS, MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_search import (
+    CONTRASTS,
+    MAX_STARTS,
+    NO_TEXTURE,
+    NODES_PER_RADIUS,
+    SAME_MODE,
+    SPACING,
     Mode,
     Search,
-    SpinSearchSettings,
     rotation_grid,
 )
 from blurmatte.deblurring.view import View
@@ -174,10 +179,10 @@ def _candidates(view: View) -> list[Explained]:
     An error of path or shading may hide a maximum from the search. It is repeated at those of the
     likeliest candidate, and further candidates begin near that one.
     """
-    sphere = Sphere.of(view.sweep.radius, view.sweep.radius / SpinSearchSettings.nodes_per_radius)
+    sphere = Sphere.of(view.sweep.radius, view.sweep.radius / NODES_PER_RADIUS)
     at, states, weights = view, list[Explained](), None
-    grid = [*rotation_grid(SpinSearchSettings.spacing)]
-    for starts in (SpinSearchSettings.max_starts, SpinSearchSettings.max_starts // 2, 0):
+    grid = [*rotation_grid(SPACING)]
+    for starts in (MAX_STARTS, MAX_STARTS // 2, 0):
         if starts:
             search = Search.of(at)
             ranked = search.ranked(grid)
@@ -209,9 +214,7 @@ def _likely(states: Sequence[Explained]) -> list[Explained]:
     kept: list[Explained] = []
     for state in states:
         away = [_rotation(state.views[0]) - _rotation(other.views[0]) for other in kept]
-        if _may_be_best(states[0], state) and all(
-            np.linalg.norm(w) > SpinSearchSettings.same_mode for w in away
-        ):
+        if _may_be_best(states[0], state) and all(np.linalg.norm(w) > SAME_MODE for w in away):
             kept.append(state)
     return kept
 
@@ -251,10 +254,8 @@ def _new_rotations(
 ) -> list[Array]:
     """Likely rotations that no state has, unless a ball without texture explains the light as well."""
     found = [mode.rotation for mode in modes]
-    textured = max(
-        one.log_evidence for one in search.solved(found[0], SpinSearchSettings.contrasts)
-    )
-    (plain,) = search.solved(found[0], (SpinSearchSettings.no_texture,))
+    textured = max(one.log_evidence for one in search.solved(found[0], CONTRASTS))
+    (plain,) = search.solved(found[0], (NO_TEXTURE,))
     gain = (textured - plain.log_evidence) / VARIANCE_INFLATION
     if gain < DECISIVE_LOG_BAYES_FACTOR:
         raise SpinError(
@@ -262,11 +263,7 @@ def _new_rotations(
             f"(log Bayes factor of the texture {gain:.1f}, needed {DECISIVE_LOG_BAYES_FACTOR:g})"
         )
     known = [_rotation(state.views[0]) for state in states]
-    return [
-        w
-        for w in found
-        if all(np.linalg.norm(w - other) > SpinSearchSettings.same_mode for other in known)
-    ]
+    return [w for w in found if all(np.linalg.norm(w - other) > SAME_MODE for other in known)]
 
 
 def _ranked(states: list[Explained]) -> list[Explained]:
@@ -280,16 +277,12 @@ def _check_highlights(states: Sequence[Explained]) -> None:
     for state in states:
         (view,), (weight,) = state.views, states[0].weights
         search = Search.of(view, weight)
-        evidences.append(
-            max(
-                search.glossy(_rotation(view), c).log_evidence for c in SpinSearchSettings.contrasts
-            )
-        )
+        evidences.append(max(search.glossy(_rotation(view), c).log_evidence for c in CONTRASTS))
     rotations = [_rotation(state.views[0]) for state in states]
     for rotation, evidence in zip(rotations, evidences, strict=True):
         margin = (evidences[0] - evidence) / VARIANCE_INFLATION
         apart = float(np.linalg.norm(rotation - rotations[0]))
-        if apart > SpinSearchSettings.same_mode and margin < DECISIVE_LOG_BAYES_FACTOR:
+        if apart > SAME_MODE and margin < DECISIVE_LOG_BAYES_FACTOR:
             raise SpinError(
                 "a part of the pattern may be a highlight: then another spin, "
                 f"{np.degrees(apart):.0f}° away, explains the picture (log Bayes factor {margin:.1f})"
@@ -316,7 +309,7 @@ def _margin(states: Sequence[Explained], inflation: float) -> float:
     rivals = [
         (best.fit.log_evidence - other.fit.log_evidence, _rotation(other.views[0]))
         for other in others
-        if np.linalg.norm(_rotation(other.views[0]) - rotation) > SpinSearchSettings.same_mode
+        if np.linalg.norm(_rotation(other.views[0]) - rotation) > SAME_MODE
     ]
     if not rivals:
         return float("inf")

@@ -29,30 +29,27 @@ from blurmatte.deblurring.view import View
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class SpinSearchSettings:
-    """Grid, lattice and climbs of the search; angles in radians."""
-
-    nodes_per_radius: int = 5
-    moment_step_px: float = 1.0  # motion between two moments, pixels of the view
-    max_rotation: float = np.pi  # radians per exposure
-    spacing: float = np.radians(28)  # of the grid of rotations: maxima of log Z are about 30° wide
-    max_step: float = np.radians(12)  # of a climb
-    min_gain: float = 3.0  # of log Z, by a step
-    max_steps: int = 10  # of a climb
-    max_starts: int = 24  # from the grid
-    near: float = np.radians(15)  # starts that are nearer are one
-    same_mode: float = np.radians(8)  # maxima that are nearer are one
-    max_modes: int = 2  # of each contrast
-    gloss_cells: int = 5  # of the lattice of highlights, 18° each
-    gloss_std: float = 0.1  # of highlights at a node, linear light
-    field_std: float = 0.2  # of the coefficients of shading, linear light
-    contrasts: tuple[float, ...] = (
-        0.4,
-        0.15,
-        0.05,
-    )  # of neighbors of the coarse lattice, linear light
-    no_texture: float = 1e-3  # contrast of a ball of one paint
+# Grid, lattice and climbs of the search; angles in radians.
+NODES_PER_RADIUS = 5
+_MOMENT_STEP_PX = 1.0  # motion between two moments, pixels of the view
+_MAX_ROTATION = np.pi  # radians per exposure
+SPACING = np.radians(28)  # of the grid of rotations: maxima of log Z are about 30° wide
+_MAX_STEP = np.radians(12)  # of a climb
+_MIN_GAIN = 3.0  # of log Z, by a step
+_MAX_STEPS = 10  # of a climb
+MAX_STARTS = 24  # from the grid
+_NEAR = np.radians(15)  # starts that are nearer are one
+SAME_MODE = np.radians(8)  # maxima that are nearer are one
+_MAX_MODES = 2  # of each contrast
+_GLOSS_CELLS = 5  # of the lattice of highlights, 18° each
+_GLOSS_STD = 0.1  # of highlights at a node, linear light
+_FIELD_STD = 0.2  # of the coefficients of shading, linear light
+CONTRASTS = (
+    0.4,
+    0.15,
+    0.05,
+)  # of neighbors of the coarse lattice, linear light
+NO_TEXTURE = 1e-3  # contrast of a ball of one paint
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,14 +119,14 @@ class Search:
         Evidences of two paths compare under the same weight (h w, 1).
         """
         sweep = view.sweep
-        fastest = replace(view, spin=Spin(np.array([0, 0, SpinSearchSettings.max_rotation])))
-        count = fastest.moment_count(SpinSearchSettings.moment_step_px)
+        fastest = replace(view, spin=Spin(np.array([0, 0, _MAX_ROTATION])))
+        count = fastest.moment_count(_MOMENT_STEP_PX)
         poses = poses_of(sweep, count=count)
         seen = seen_moments(sweep, view.pixels, poses)
         alpha = seen.alpha(poses.durations)
         weight = (view.weight(alpha) if weight is None else weight)[:, 0]
         use = weight > 0
-        sphere = Sphere.of(sweep.radius, sweep.radius / SpinSearchSettings.nodes_per_radius)
+        sphere = Sphere.of(sweep.radius, sweep.radius / NODES_PER_RADIUS)
         return cls(
             sphere,
             poses.t,
@@ -167,7 +164,7 @@ class Search:
 
         from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
 
-        lattice, still = Sphere.of(1.0, np.pi / 2 / SpinSearchSettings.gloss_cells), np.zeros(3)
+        lattice, still = Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS), np.zeros(3)
         first, columns, values = sphere_kernel.rows_of(
             *self.entries, Spin(still).turns(self.t), lattice.node, lattice.size
         )
@@ -213,9 +210,7 @@ class Search:
         light, field, k = self.W[:, None] * self.P, self.W[:, None] * self.C, self.C.shape[1]
         right = solve_triangular(factor, right, lower=True, check_finite=False)
         coupling, texture = right[:, :k], right[:, k:]
-        schur = (
-            self.C.T @ field + np.eye(k) / SpinSearchSettings.field_std**2 - coupling.T @ coupling
-        )
+        schur = self.C.T @ field + np.eye(k) / _FIELD_STD**2 - coupling.T @ coupling
         of_field = self.C.T @ light - coupling.T @ texture
         beta = np.asarray(np.linalg.solve(schur, of_field), float)
         misfit = float((light * self.P).sum() - (texture**2).sum() - (of_field * beta).sum())
@@ -239,17 +234,14 @@ class Search:
         of_field = field_light - at.coupling.T @ of_nodes
         schur = self.G.T @ light - of_nodes.T @ of_nodes
         schur = 3 * (schur - of_field.T @ np.linalg.solve(at.schur, of_field))
-        schur += np.eye(len(schur)) / SpinSearchSettings.gloss_std**2
+        schur += np.eye(len(schur)) / _GLOSS_STD**2
         own = light.T @ self.P - right[:, k:].T @ at.texture - field_light.T @ at.field
         right = own.sum(axis=1)
         found = np.linalg.solve(schur, right)
         freedom = 3 * (len(self.P) - 1)
         before = freedom * at.noise_scale
         after = before - float(right @ found)
-        gain = (
-            -freedom * np.log(after / before)
-            - np.linalg.slogdet(SpinSearchSettings.gloss_std**2 * schur)[1]
-        )
+        gain = -freedom * np.log(after / before) - np.linalg.slogdet(_GLOSS_STD**2 * schur)[1]
         texture, field = _without(at, of_nodes @ found, of_field @ found)
         return replace(
             at,
@@ -282,17 +274,13 @@ class Search:
         H = sum(full[3 * c : 3 * c + 3, 3 * c : 3 * c + 3] for c in range(3))
         g = np.einsum("pck,pc->k", weighted.reshape(-1, 3, 3), r)
         values, axes = np.linalg.eigh(H / at.noise_scale)
-        step = axes @ (
-            axes.T @ g / at.noise_scale / np.maximum(values, SpinSearchSettings.max_step**-2)
-        )
-        return np.asarray(
-            step * min(1, SpinSearchSettings.max_step / max(float(np.linalg.norm(step)), 1e-12))
-        )
+        step = axes @ (axes.T @ g / at.noise_scale / np.maximum(values, _MAX_STEP**-2))
+        return np.asarray(step * min(1, _MAX_STEP / max(float(np.linalg.norm(step)), 1e-12)))
 
     def climbed(self, rotation: Array, contrast: float) -> Mode:
         """The maximum of the evidence near a rotation."""
         at = self.glossy(rotation, contrast)
-        for _ in range(SpinSearchSettings.max_steps):
+        for _ in range(_MAX_STEPS):
             step = self.stepped(rotation, at)
             tried = ((f, self.glossy(rotation + f * step, contrast)) for f in (1.0, 0.5, 0.25))
             better = next((one for one in tried if one[1].log_evidence > at.log_evidence), None)
@@ -300,13 +288,13 @@ class Search:
                 break
             gain = better[1].log_evidence - at.log_evidence
             rotation, at = rotation + better[0] * step, better[1]
-            if gain < SpinSearchSettings.min_gain:
+            if gain < _MIN_GAIN:
                 break
         return Mode(rotation, at.log_evidence)
 
     def ranked(self, rotations: Iterable[Array]) -> list[Mode]:
         """Rotations with their evidence without highlights, the likeliest first."""
-        middle = (SpinSearchSettings.contrasts[1],)
+        middle = (CONTRASTS[1],)
         found = [Mode(w, self.solved(w, middle)[0].log_evidence) for w in rotations]
         return sorted(found, key=_unlikeliness)
 
@@ -318,25 +306,19 @@ class Search:
         starts than the `starts` likeliest of the grid are `around` a rotation, whose maximum may be
         narrower than the grid.
         """
-        of_grid = [one.rotation for one in _distinct(ranked, SpinSearchSettings.spacing, starts)]
-        near = (
-            around + sign * SpinSearchSettings.near * axis for axis in np.eye(3) for sign in (-1, 1)
-        )
-        climbed = [
-            self.climbed(w, SpinSearchSettings.contrasts[1]) for w in [*of_grid, around, *near]
-        ]
-        middle = _distinct(
-            sorted(climbed, key=_unlikeliness), SpinSearchSettings.same_mode, len(climbed)
-        )
-        likeliest = middle[: SpinSearchSettings.max_modes]
-        for contrast in (SpinSearchSettings.contrasts[0], SpinSearchSettings.contrasts[2]):
+        of_grid = [one.rotation for one in _distinct(ranked, SPACING, starts)]
+        near = (around + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1))
+        climbed = [self.climbed(w, CONTRASTS[1]) for w in [*of_grid, around, *near]]
+        middle = _distinct(sorted(climbed, key=_unlikeliness), SAME_MODE, len(climbed))
+        likeliest = middle[:_MAX_MODES]
+        for contrast in (CONTRASTS[0], CONTRASTS[2]):
             found = [self.climbed(one.rotation, contrast) for one in middle]
             likeliest += _distinct(
                 sorted(found, key=_unlikeliness),
-                SpinSearchSettings.same_mode,
-                SpinSearchSettings.max_modes,
+                SAME_MODE,
+                _MAX_MODES,
             )
-        return _distinct(likeliest, SpinSearchSettings.same_mode, len(likeliest))
+        return _distinct(likeliest, SAME_MODE, len(likeliest))
 
 
 def _without(at: Solved, of_nodes: Array, of_field: Array) -> tuple[Array, Array]:
@@ -358,12 +340,12 @@ def rotation_grid(spacing: float) -> Array:
     """(n, 3) rotation vectors up to half a turn on a body-centered cubic lattice."""
     edge = spacing * 2 ** (1 / 3)  # of a cube with two points
     steps = np.arange(
-        -int(SpinSearchSettings.max_rotation / edge) - 1,
-        int(SpinSearchSettings.max_rotation / edge) + 2,
+        -int(_MAX_ROTATION / edge) - 1,
+        int(_MAX_ROTATION / edge) + 2,
     )
     corners = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     points = edge * np.concatenate([corners, corners + 0.5])
-    return np.asarray(points[np.linalg.norm(points, axis=1) <= SpinSearchSettings.max_rotation])
+    return np.asarray(points[np.linalg.norm(points, axis=1) <= _MAX_ROTATION])
 
 
 def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:

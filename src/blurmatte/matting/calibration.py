@@ -30,23 +30,17 @@ MIN_LIKELY_WEIGHT = 0.01  # of a hypothesis that may be right
 MAX_REASONS = 3  # stated
 
 
-@dataclass(frozen=True)
-class CalibrationSettings:
-    """Settings of the calibrated error, and ranges of its terms."""
-
-    rim_share: float = 0.35  #: of the excess variance: position of the rim
-    constant_share: float = 0.1  #: of the excess variance: the same wherever the object may be
-    min_rim_error_px: float = 0.03  #: smallest error of the rim's position, root mean square
-    min_alpha: float = 0.004  #: of the pixels that count as streak
-    min_claim: float = 1e-4  #: smallest claimed error of alpha
-    large_claim: float = 0.05  #: claimed error of alpha from which on claims are not too small
-    max_color_spread: float = 0.5  #: radians
-    max_color_angle_std: float = 20.0  #: degrees
-    max_relative_size: float = 0.3  #: of the errors of radius and blur
-    max_noise_inflation: float = 1e3
-
-
-_S = CalibrationSettings
+# Settings of the calibrated error, and ranges of its terms.
+_RIM_SHARE = 0.35  # of the excess variance: position of the rim
+_CONSTANT_SHARE = 0.1  # of the excess variance: the same wherever the object may be
+_MIN_RIM_ERROR_PX = 0.03  # smallest error of the rim's position, root mean square
+_MIN_ALPHA = 0.004  # of the pixels that count as streak
+_MIN_CLAIM = 1e-4  # smallest claimed error of alpha
+_LARGE_CLAIM = 0.05  # claimed error of alpha from which on claims are not too small
+_MAX_COLOR_SPREAD = 0.5  # radians
+_MAX_COLOR_ANGLE_STD = 20.0  # degrees
+_MAX_RELATIVE_SIZE = 0.3  # of the errors of radius and blur
+_MAX_NOISE_INFLATION = 1e3
 
 
 @dataclass(frozen=True)
@@ -62,8 +56,8 @@ class HypothesisSummary:
 def claimed_error(estimate: AlphaEstimate) -> float:
     """s: root mean square over the streak of the standard deviation of an estimate."""
     std = np.hypot(estimate.alpha_std, estimate.scale_std * estimate.alpha)
-    use = (estimate.alpha > _S.min_alpha) & np.isfinite(std)
-    return max(float(np.sqrt(np.mean(std[use] ** 2))) if use.any() else 0.0, _S.min_claim)
+    use = (estimate.alpha > _MIN_ALPHA) & np.isfinite(std)
+    return max(float(np.sqrt(np.mean(std[use] ** 2))) if use.any() else 0.0, _MIN_CLAIM)
 
 
 def error_terms(
@@ -89,21 +83,21 @@ def error_terms(
     if not summaries[best].has_shape:
         counterpart = counterpart[:1]
     one_paint = [terms[i] for i in others if summaries[i].rank == 1]
-    angle_std = min(diagnostics.color_angle_std, _S.max_color_angle_std)
+    angle_std = min(diagnostics.color_angle_std, _MAX_COLOR_ANGLE_STD)
     return ErrorTerms(
         shapeless=terms[counterpart[-1]] if counterpart else 0.0,
         one_paint=min(one_paint, default=0.0),
         mean=float(np.mean([terms[i] for i in others])) if others else 0.0,
         least=min((terms[i] for i in others), default=0.0),
         correlation=float(np.log(summaries[best].inflation)),
-        color_spread=min(diagnostics.color_spread, _S.max_color_spread),
+        color_spread=min(diagnostics.color_spread, _MAX_COLOR_SPREAD),
         color_angle=0.0 if exact_color else float(np.log1p(angle_std)),
-        radius=float(np.log1p(100 * min(diagnostics.radius_error, _S.max_relative_size))),
-        blur=float(np.log1p(100 * min(diagnostics.blur_over_radius, _S.max_relative_size))),
+        radius=float(np.log1p(100 * min(diagnostics.radius_error, _MAX_RELATIVE_SIZE))),
+        blur=float(np.log1p(100 * min(diagnostics.blur_over_radius, _MAX_RELATIVE_SIZE))),
         residuals=float(np.log(max(diagnostics.residual_excess, 1.0))),
-        noise=float(np.log(max(min(diagnostics.noise_inflation, _S.max_noise_inflation), 1.0))),
+        noise=float(np.log(max(min(diagnostics.noise_inflation, _MAX_NOISE_INFLATION), 1.0))),
         without_shape=float(not summaries[best].has_shape),
-        small_claim=float(np.log(max(_S.large_claim / claim, 1.0))),
+        small_claim=float(np.log(max(_LARGE_CLAIM / claim, 1.0))),
     )
 
 
@@ -124,7 +118,7 @@ def reasons(terms: ErrorTerms, claim: float, weights: Array, compressed: bool) -
 def rms_difference(average: AlphaEstimate, other: AlphaEstimate) -> float:
     """Root mean square difference of alpha where either estimate has the object."""
     a, b = (np.where(np.isfinite(one.alpha), one.alpha, 0) for one in (average, other))
-    use = (a > _S.min_alpha) | (b > 5 * _S.min_alpha)
+    use = (a > _MIN_ALPHA) | (b > 5 * _MIN_ALPHA)
     return float(np.sqrt(np.mean((a - b)[use] ** 2))) if use.any() else 0.0
 
 
@@ -145,21 +139,19 @@ def calibrated(
     file_class = COMPRESSED if compressed else UNCOMPRESSED
     error = min(claim * fitted_calibration().factor(terms, file_class, exact_color), 1.0)
     alpha = np.asarray(average.alpha, float)
-    use = alpha > _S.min_alpha
+    use = alpha > _MIN_ALPHA
     slope = np.hypot(*np.gradient(np.clip(alpha, 0, 1)))
-    anywhere = np.any([np.nan_to_num(one.alpha) > _S.min_alpha for one in estimates], axis=0)
+    anywhere = np.any([np.nan_to_num(one.alpha) > _MIN_ALPHA for one in estimates], axis=0)
     beyond = max(error**2 - claim**2, 0.0)
     own = np.hypot(average.alpha_std, average.scale_std * alpha) * min(1.0, error / claim)
     slope_square, alpha_square = (
-        max(float(np.mean(x[use] ** 2)) if use.any() else 0.0, _S.min_claim**2)
+        max(float(np.mean(x[use] ** 2)) if use.any() else 0.0, _MIN_CLAIM**2)
         for x in (slope, alpha)
     )
-    variance = own**2 + beyond * (
-        _S.rim_share * slope**2 / slope_square + _S.constant_share * anywhere
-    )
-    variance += (_S.min_rim_error_px * slope) ** 2
+    variance = own**2 + beyond * (_RIM_SHARE * slope**2 / slope_square + _CONSTANT_SHARE * anywhere)
+    variance += (_MIN_RIM_ERROR_PX * slope) ** 2
     variance[~use] = np.maximum(variance, _variance_outside(alpha, variance, slope, use))[~use]
-    scale_square = beyond * (1 - _S.rim_share - _S.constant_share) / alpha_square
+    scale_square = beyond * (1 - _RIM_SHARE - _CONSTANT_SHARE) / alpha_square
     return replace(
         average,
         alpha_std=np.where(np.isfinite(average.alpha_std), np.sqrt(variance), np.inf),

@@ -24,16 +24,12 @@ from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MAX_CHI2, MIN_VARIANCE, PixelMaps, Quality, alpha_flags
 from blurmatte.radiometry import LinearImage
 
-
-@dataclass(frozen=True)
-class EdgeSettings:
-    """Settings of the search for uncertain edges."""
-
-    neighborhood_px: int = 3  #: width over which the covariance of the plate's light is taken
-    edge_quantile: float = 0.9  #: of K's trace; pixels above it are edges that determine κ
-    kept_fraction: float = 0.95  #: lower part of the differences that counts; others may move there
-    kept_mean: float = 0.76  #: mean of that part of χ² with one degree of freedom
-    min_noise_ratio: float = 0.25  #: variance along the segment over noise, of an uncertain pixel
+# Settings of the search for uncertain edges.
+_NEIGHBORHOOD_PX = 3  # width over which the covariance of the plate's light is taken
+_EDGE_QUANTILE = 0.9  # of K's trace; pixels above it are edges that determine κ
+_KEPT_FRACTION = 0.95  # lower part of the differences that counts; others may move there
+_KEPT_MEAN = 0.76  # mean of that part of χ² with one degree of freedom
+_MIN_NOISE_RATIO = 0.25  # variance along the segment over noise, of an uncertain pixel
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +57,7 @@ def mixed_plate(image: LinearImage, plate: LinearImage, still: Bools) -> MixedPl
     trace = K[..., 0] + K[..., 3] + K[..., 5]
     noise = np.sum(image.variance + plate.variance, axis=-1)
     kappa = _kappa(np.sum((image.rgb - B) ** 2, axis=-1)[still], noise[still], trace[still])
-    edges = (kappa * trace > EdgeSettings.min_noise_ratio * noise) & image.valid & plate.valid
+    edges = (kappa * trace > _MIN_NOISE_RATIO * noise) & image.valid & plate.valid
     whole = np.take(K[edges], [[0, 1, 2], [1, 3, 4], [2, 4, 5]], axis=1)
     return MixedPlate(edges, kappa * whole)
 
@@ -70,7 +66,7 @@ def _neighborhoods(B: Array) -> Array:
     """(h, w, 6) covariance of the light around each pixel: RR, RG, RB, GG, GB, BB."""
     from scipy.ndimage import uniform_filter
 
-    width = EdgeSettings.neighborhood_px
+    width = _NEIGHBORHOOD_PX
     centered = B - B.mean(axis=(0, 1))
     i, j = np.triu_indices(3)
     products = centered[..., i] * centered[..., j]
@@ -85,10 +81,10 @@ def _kappa(d2: Array, noise: Array, trace: Array) -> float:
     """
     if d2.size == 0:
         return 0.0
-    strong = trace >= np.quantile(trace, EdgeSettings.edge_quantile)
+    strong = trace >= np.quantile(trace, _EDGE_QUANTILE)
     excess = np.sort(((d2 - noise) / (trace + 1e-14))[strong])
-    kept = excess[: int(np.ceil(EdgeSettings.kept_fraction * len(excess)))]
-    return max(float(kept.mean()) / EdgeSettings.kept_mean, 0.0)
+    kept = excess[: int(np.ceil(_KEPT_FRACTION * len(excess)))]
+    return max(float(kept.mean()) / _KEPT_MEAN, 0.0)
 
 
 def solve_mixed_plate(

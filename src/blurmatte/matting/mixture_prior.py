@@ -19,23 +19,17 @@ The noise of q is independent of that of the closed form. c comes from the close
 determines the mean of neighbors; where the light dominates, they share the error ρ s.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import FirstEstimate
 
-
-@dataclass(frozen=True)
-class MixtureSettings:
-    """Settings of the mixture prior."""
-
-    light_std_px: float = 2.0  #: standard deviation of the Gaussian over which light is averaged
-    color_std_px: float = 4.0  #: of that over which colors are averaged
-    far_weight: float = 1e-3  #: of the mean over all pixels, which counts far from the object
-    min_alpha_stds: float = 2.0  #: by which alpha must exceed 0 to contribute its color
-    max_scatter: float = 0.5  #: largest ρ
+# Settings of the mixture prior.
+_LIGHT_STD_PX = 2.0  # standard deviation of the Gaussian over which light is averaged
+_COLOR_STD_PX = 4.0  # of that over which colors are averaged
+_FAR_WEIGHT = 1e-3  # of the mean over all pixels, which counts far from the object
+_MIN_ALPHA_STDS = 2.0  # by which alpha must exceed 0 to contribute its color
+_MAX_SCATTER = 0.5  # largest ρ
 
 
 def with_mixture(
@@ -45,27 +39,27 @@ def with_mixture(
 
     The first estimate has a plane of colors. Returns also the variance (h, w) that neighbors share.
     """
-    pixels, kind, S = first.pixels, information.dtype, MixtureSettings
+    pixels, kind = first.pixels, information.dtype
     M, inside = pixels.model.basis, pixels.inside
     C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.with_edges)
     q, b = ((C - B) * pixels.use[..., None]) @ M, B @ M
     V = first.noise_factor * (V_C + (1 - first.alpha[..., None]) ** 2 * V_B) @ M**2
     alpha = np.clip(first.alpha, 0, 1).astype(float)
-    alpha[~pixels.use | (alpha**2 < S.min_alpha_stds**2 * first.variance)] = 0
+    alpha[~pixels.use | (alpha**2 < _MIN_ALPHA_STDS**2 * first.variance)] = 0
     if not alpha.any():
         return information, pull, np.zeros_like(information)
-    used = np.maximum(_smoothed(1.0 * pixels.use, S.light_std_px), 1e-12)
-    around = _smoothed(q, S.light_std_px) / used[..., None]
+    used = np.maximum(_smoothed(1.0 * pixels.use, _LIGHT_STD_PX), 1e-12)
+    around = _smoothed(q, _LIGHT_STD_PX) / used[..., None]
     color, scatter = _colors(alpha, (alpha > 0)[..., None] * (alpha[..., None] * b + around))
     m = color - b
     contrast = np.maximum(np.sum(m**2, axis=-1), 1e-12)
     spread = np.einsum("yxi,yxij,yxj->yx", m, scatter, m) / contrast**2
     size = np.sum(around**2, axis=-1) / contrast
-    sharing = 4 * np.pi * S.light_std_px**2  # effective number of pixels in an average
+    sharing = 4 * np.pi * _LIGHT_STD_PX**2  # effective number of pixels in an average
     variance = np.sum(m**2 * V, axis=-1) / contrast**2 + sharing * spread * size
-    added = (pixels.use & (spread < S.max_scatter**2)) / np.maximum(variance, 1e-12)
-    share = _smoothed(added, S.color_std_px)
-    share /= np.maximum(share + _smoothed(information, S.color_std_px), 1e-12)
+    added = (pixels.use & (spread < _MAX_SCATTER**2)) / np.maximum(variance, 1e-12)
+    share = _smoothed(added, _COLOR_STD_PX)
+    share /= np.maximum(share + _smoothed(information, _COLOR_STD_PX), 1e-12)
     shared = inside * share**2 * np.minimum(spread, 1) * size
     by_light = np.sum(m * q, axis=-1) / contrast
     maps = information + added, pull + added * by_light, shared
@@ -77,7 +71,7 @@ def _colors(alpha: Array, light: Array) -> tuple[Array, Array]:
     """(h, w, 2) mean color of each neighborhood, (h, w, 2, 2) its covariance; of light, α c."""
     products = light[..., :, None] * light[..., None, :]
     weight, first, second = (
-        _smoothed(m, MixtureSettings.color_std_px) + MixtureSettings.far_weight * m.mean((0, 1))
+        _smoothed(m, _COLOR_STD_PX) + _FAR_WEIGHT * m.mean((0, 1))
         for m in (alpha**2, alpha[..., None] * light, products)
     )
     color = first / weight[..., None]

@@ -36,8 +36,8 @@ from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.matting.smooth_error import simulated_variance
 from blurmatte.matting.smooth_field import (
+    MIN_ALPHA,
     Field,
-    FieldSettings,
     Prior,
     field_changes,
     finer_field,
@@ -55,21 +55,18 @@ from blurmatte.sweep.model.chroma_subsampling import (
 MAX_STRENGTH = 1e6  # and its inverse: beyond them alpha is constant, or that of single pixels
 
 
-@dataclass(frozen=True)
-class SmoothSettings:
-    """Settings of the choice of the prior, and of the fit from coarse to fine."""
-
-    max_coarse_cells: int = 3000  #: of the coarsest level, on which all priors are compared
-    max_sampled_cells: int = 100_000  #: of sampled levels; finer cells are close to their neighbors
-    max_simulated_cells: int = 15_000  #: of the level on which the error is simulated
-    first_order_scale: float = 1.28  #: largest scale of priors of order 1, coarsest cells
-    second_order_scale: float = 1.92  #: of priors of order 2
-    scale_count: int = 7  #: compared scales, each half of the one before
-    refinements: tuple[float, ...] = (1.0, 0.5, 0.25)  #: factors of the scale on finer levels
-    samples: int = 2  #: of the posterior, while priors are compared
-    final_samples: int = 8  #: of the posterior, for the result
-    first_std_px: float = 2.0  #: of the Gaussian that smooths the first alpha
-    texture_noise_power: float = 0.7  #: exponent of the noise inflation for a model of rank 3
+# Settings of the choice of the prior, and of the fit from coarse to fine.
+_MAX_COARSE_CELLS = 3000  # of the coarsest level, on which all priors are compared
+_MAX_SAMPLED_CELLS = 100_000  # of sampled levels; finer cells are close to their neighbors
+_MAX_SIMULATED_CELLS = 15_000  # of the level on which the error is simulated
+_FIRST_ORDER_SCALE = 1.28  # largest scale of priors of order 1, coarsest cells
+_SECOND_ORDER_SCALE = 1.92  # of priors of order 2
+_SCALE_COUNT = 7  # compared scales, each half of the one before
+_REFINEMENTS = (1.0, 0.5, 0.25)  # factors of the scale on finer levels
+_SAMPLES = 2  # of the posterior, while priors are compared
+_FINAL_SAMPLES = 8  # of the posterior, for the result
+_FIRST_STD_PX = 2.0  # of the Gaussian that smooths the first alpha
+_TEXTURE_NOISE_POWER = 0.7  # exponent of the noise inflation for a model of rank 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,24 +177,24 @@ class Smooth:
         near = _smoothed_alpha(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         inflation, rank = noise_inflation(pixels, near), pixels.model.rank
         # Texture has little information: with the full inflation alpha is smooth, certain, and wrong.
-        power = 1.0 if rank < 3 else SmoothSettings.texture_noise_power
+        power = 1.0 if rank < 3 else _TEXTURE_NOISE_POWER
         noise_factor = inflation**power
         if inflation > 1 and rank == 2:
             pixels = without_fine_structure(pixels)
-        lower = np.full_like(near, FieldSettings.min_alpha)
+        lower = np.full_like(near, MIN_ALPHA)
         if (
             rank == 2
         ):  # of a line, alpha is more accurate than this bound, which needs neighborhoods
             lower = min_alpha(pixels, inflation)
         own = _bordered(*evidence_of(pixels, near), pixels.inside, lower)
-        levels = own.weaker(noise_factor).levels(SmoothSettings.max_coarse_cells)
+        levels = own.weaker(noise_factor).levels(_MAX_COARSE_CELLS)
         coarse = _choose_priors(levels)
         prior, field = coarse[-1]
         finest = len(levels) - len(coarse)
         near, variance = (_in_pixels(m, levels[:finest]) for m in (field.x, field.variance))
         renewed, shared = _with_neighbors(pixels, near, variance, noise_factor, lower)
-        levels = renewed.levels(SmoothSettings.max_coarse_cells)
-        samples = SmoothSettings.final_samples
+        levels = renewed.levels(_MAX_COARSE_CELLS)
+        samples = _FINAL_SAMPLES
         prior, field = self._refined(levels, prior, field, finest, rank, samples)
         return _Fit(pixels, near, inflation, noise_factor, levels, coarse, prior, field, shared)
 
@@ -237,7 +234,7 @@ class Smooth:
             level = levels[depth]
             if depth < finest:
                 prior, field = prior.finer(), finer_field(field, level.mask.shape, prior.order)
-            sampled = depth == 0 and level.count < SmoothSettings.max_sampled_cells
+            sampled = depth == 0 and level.count < _MAX_SAMPLED_CELLS
             local = sampled and rank < 3
             field = fit_field(level, prior, field, samples * sampled, cells * 4**depth, local)
         return prior, field
@@ -246,13 +243,13 @@ class Smooth:
         self, levels: Sequence[CellEvidence], prior: Prior, field: Field, rank: int
     ) -> tuple[Floats, float]:
         """Variance of each pixel's alpha without lost fine structure, and of the sum's bias."""
-        limit, samples = SmoothSettings.max_simulated_cells, SmoothSettings.samples
+        limit, samples = _MAX_SIMULATED_CELLS, _SAMPLES
         depth = next(d for d, level in enumerate(levels) if level.count <= limit)
         cells = 4**depth
 
         def refit(drawn: CellEvidence) -> tuple[Prior, Field]:
             """Prior and field for drawn evidence."""
-            levels = drawn.levels(SmoothSettings.max_coarse_cells)
+            levels = drawn.levels(_MAX_COARSE_CELLS)
             found = _choose_priors(levels, cells)
             finest = len(levels) - len(found)
             return self._refined(levels, *found[-1], finest, rank, samples, cells)
@@ -284,19 +281,19 @@ def _choose_priors(levels: Sequence[CellEvidence], cells: int = 1) -> list[tuple
 
     The first level, of `cells` pixels per cell, is left out unless it is the only one.
     """
-    S, top = SmoothSettings, len(levels) - 1
+    top = len(levels) - 1
     priors = [
         Prior(order, scale / 2.0**i)
-        for order, scale in ((1, S.first_order_scale), (2, S.second_order_scale))
-        for i in range(S.scale_count)
+        for order, scale in ((1, _FIRST_ORDER_SCALE), (2, _SECOND_ORDER_SCALE))
+        for i in range(_SCALE_COUNT)
     ]
     found = [_least_risk(levels[top], priors, None, cells * 4**top)]
     for depth in range(top - 1, 0, -1):
         level, (prior, field) = levels[depth], found[-1]
-        if level.count >= S.max_sampled_cells:
+        if level.count >= _MAX_SAMPLED_CELLS:
             break
         prior, start = prior.finer(), finer_field(field, level.mask.shape, prior.order)
-        choice = [replace(prior, scale=prior.scale * part) for part in S.refinements]
+        choice = [replace(prior, scale=prior.scale * part) for part in _REFINEMENTS]
         found.append(_least_risk(level, choice, start, cells * 4**depth))
     return found
 
@@ -309,7 +306,7 @@ def _least_risk(
     for _, scales in groupby(priors, lambda prior: prior.order):
         field, risks = start, [np.inf]
         for prior in scales:
-            field = fit_field(evidence, prior, field, SmoothSettings.samples, cells)
+            field = fit_field(evidence, prior, field, _SAMPLES, cells)
             found.append((prior, field))
             risks.append(field.risk)
             if min(risks[-2:]) > min(risks):  # two in a row above the least: it only increases
@@ -372,13 +369,13 @@ def _smoothed_alpha(evidence: tuple[Floats, Floats]) -> Floats:
     """Alpha of Gaussian neighborhoods."""
     from scipy.ndimage import gaussian_filter
 
-    information, pull = (gaussian_filter(e, SmoothSettings.first_std_px) for e in evidence)
+    information, pull = (gaussian_filter(e, _FIRST_STD_PX) for e in evidence)
     return np.asarray(np.clip(pull / (information + 1e-9), 0, 1))
 
 
 def _bordered(information: Floats, pull: Floats, inside: Bools, lower: Floats) -> CellEvidence:
     """Evidence with a border, and with alpha not below the least of all pixels."""
-    lower = np.maximum(lower, FieldSettings.min_alpha).astype(information.dtype)
+    lower = np.maximum(lower, MIN_ALPHA).astype(information.dtype)
     information, pull, lower = (np.pad(m, BORDER) for m in (information, pull, lower))
     return CellEvidence(information, pull, np.pad(inside, BORDER), lower)
 

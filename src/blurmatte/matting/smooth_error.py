@@ -17,8 +17,10 @@ import numpy as np
 from blurmatte.checks import Array, Floats
 from blurmatte.matting.pyramid import CellEvidence
 from blurmatte.matting.smooth_field import (
+    LOCAL_DOF,
+    LOCAL_PRIOR_DOF,
+    TOLERANCE,
     Field,
-    FieldSettings,
     Prior,
     field_changes,
     local_mean,
@@ -42,7 +44,7 @@ def simulated_variance(
     trials: number of simulations, with a fixed seed.
     """
     A, x, mask = evidence.information, field.x, evidence.mask
-    tolerance, residuals = FieldSettings.tolerance, [_residuals(evidence, x)]
+    tolerance, residuals = TOLERANCE, [_residuals(evidence, x)]
     (more,) = field_changes(evidence, prior, field, residuals, cells, tolerance)
     rougher = np.where(mask, np.clip(x + more, evidence.lower, 1), 0)
     normal, squares, sums = np.random.default_rng(1), np.zeros(x.shape), np.zeros(trials)
@@ -59,7 +61,7 @@ def simulated_variance(
     near, usual = (
         local_mean(m, parameters, mask) for m in (more**2, np.mean(np.square(others), axis=0))
     )
-    before = FieldSettings.local_prior_dof / FieldSettings.local_dof * usual
+    before = LOCAL_PRIOR_DOF / LOCAL_DOF * usual
     factor = np.maximum((near + before) / np.maximum(usual + before, 1e-30), 1)
     bias_square = max(sums.mean() ** 2 - sums.var(ddof=1) / trials, 0.0)
     return (pooled_variance(squares, mask) * factor).astype(x.dtype), float(bias_square)

@@ -34,21 +34,17 @@ from blurmatte.matting.smooth_kernel import (
     weigh,
 )
 
-
-@dataclass(frozen=True)
-class FieldSettings:
-    """Settings of the estimate of a field."""
-
-    prior_dof: float = 1.0  #: ν; one, since edges are common
-    precision_window: int = 3  #: cells across over which E[Dx Dxᵀ] is averaged
-    variance_window: int = 5  #: cells across over which sampled variances are averaged
-    local_dof: float = 12.0  #: effective parameters that determine a local scale to 40 %
-    local_prior_dof: float = 1.0  #: effective parameters that the scale of the field counts as
-    rounds: int = 2  #: alternations of both steps
-    max_steps: int = 300  #: of conjugate gradients
-    tolerance: float = 1e-5  #: gain of log likelihood per cell below which these stop
-    min_alpha: float = -0.05  #: at 0 only positive noise would remain, and sums would be too large
-    bound_std: float = 0.01  #: standard deviation by which a bound may be violated
+# Settings of the estimate of a field.
+_PRIOR_DOF = 1.0  # ν; one, since edges are common
+_PRECISION_WINDOW = 3  # cells across over which E[Dx Dxᵀ] is averaged
+_VARIANCE_WINDOW = 5  # cells across over which sampled variances are averaged
+LOCAL_DOF = 12.0  # effective parameters that determine a local scale to 40 %
+LOCAL_PRIOR_DOF = 1.0  # effective parameters that the scale of the field counts as
+_ROUNDS = 2  # alternations of both steps
+_MAX_STEPS = 300  # of conjugate gradients
+TOLERANCE = 1e-5  # gain of log likelihood per cell below which these stop
+MIN_ALPHA = -0.05  # at 0 only positive noise would remain, and sums would be too large
+_BOUND_STD = 0.01  # standard deviation by which a bound may be violated
 
 
 @dataclass(frozen=True)
@@ -101,7 +97,7 @@ def fit_field(
     cells: pixels per cell; its differences count as many times.
     local: whether to fit the local scale.
     """
-    A, mask, rounds = evidence.information, evidence.mask, FieldSettings.rounds
+    A, mask, rounds = evidence.information, evidence.mask, _ROUNDS
     rng = np.random.default_rng(0)
     noise = [rng.standard_normal((4, *mask.shape)).astype(A.dtype) for _ in range(samples)]
     field = start or _initial(evidence, prior)
@@ -115,7 +111,7 @@ def fit_field(
             break
         held = beyond
         drawn, steps = _solve_with_samples(evidence, root, prior.order, held, x, noise)
-        field = replace(field, x=x, steps=steps, converged=steps < FieldSettings.max_steps)
+        field = replace(field, x=x, steps=steps, converged=steps < _MAX_STEPS)
         if noise:
             traces = [
                 np.sum(n[0] * np.sqrt(A) * z, dtype=float)
@@ -149,7 +145,7 @@ def _solve_with_samples(
     Cells beyond a bound (`held` is 1 above and −1 below) get information on its value.
     """
     A, mask = evidence.information, evidence.mask
-    weight = A.dtype.type(FieldSettings.bound_std**-2.0)
+    weight = A.dtype.type(_BOUND_STD**-2.0)
     above, below = (weight * (held == side) for side in (1, -1))
     drawn = [np.zeros_like(x) for _ in noise]
     jobs: list[tuple[Floats, Floats, Floats]]
@@ -157,7 +153,7 @@ def _solve_with_samples(
     for n, z in zip(noise, drawn, strict=True):
         # The lower bound does not reduce the variance: it holds pixels without object or information.
         jobs.append((A + above, _disturbed(A + above, root, order, mask, n), z))
-    return drawn, _solve_all(root, order, mask, jobs, FieldSettings.max_steps)
+    return drawn, _solve_all(root, order, mask, jobs, _MAX_STEPS)
 
 
 def sum_variance(evidence: CellEvidence, prior: Prior, field: Field, cells: int = 1) -> float:
@@ -179,7 +175,7 @@ def field_changes(
     found = [np.zeros(A.shape) for _ in pulls]
     jobs: list[tuple[Floats, Floats, Floats]]
     jobs = [(A, pull, x) for pull, x in zip(pulls, found, strict=True)]
-    _solve_all(root, prior.order, evidence.mask, jobs, 2 * FieldSettings.max_steps, tolerance)
+    _solve_all(root, prior.order, evidence.mask, jobs, 2 * _MAX_STEPS, tolerance)
     return found
 
 
@@ -198,20 +194,20 @@ def pooled_variance(variance: Floats, mask: Bools) -> Floats:
     """Means over neighbors in the mask, since few samples determine a variance only roughly."""
     from scipy.ndimage import uniform_filter
 
-    width = FieldSettings.variance_window
+    width = _VARIANCE_WINDOW
     near, share = (uniform_filter(v, width) for v in (variance * mask, mask.astype(float)))
     return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0), variance.dtype)
 
 
 def local_mean(values: Floats, parameters: Floats, mask: Bools) -> Array:
-    """Gaussian means over neighborhoods of `FieldSettings.local_dof` effective parameters on average.
+    """Gaussian means over neighborhoods of `LOCAL_DOF` effective parameters on average.
 
     The effective parameters (h, w) of a cell are its information times its variance.
     """
     from scipy.ndimage import gaussian_filter
 
     total = max(np.sum(parameters * mask, dtype=float), 1.0)
-    area = FieldSettings.local_dof * np.count_nonzero(mask) / total  # 4πs²
+    area = LOCAL_DOF * np.count_nonzero(mask) / total  # 4πs²
     inside = np.where(mask, values, 0).astype(float)
     return np.asarray(gaussian_filter(inside, np.sqrt(area / (4 * np.pi)), mode="constant"))
 
@@ -233,13 +229,13 @@ def _roughness_factor(
         local_mean(m, parameters, mask) for m in (squares * total / squares.sum(), expected)
     )
     mean = total / np.count_nonzero(mask)
-    prior = FieldSettings.local_prior_dof / FieldSettings.local_dof * mean
+    prior = LOCAL_PRIOR_DOF / LOCAL_DOF * mean
     return np.asarray((prior + near) / (prior + usual), x.dtype)
 
 
 def _precision(prior: Prior, field: Field, cells: int) -> Floats:
     """L of Γ, for differences that count for `cells` pixels."""
-    nu = FieldSettings.prior_dof
+    nu = _PRIOR_DOF
     root = np.empty(field.squares.shape, field.x.dtype)
     least = nu * prior.scale**2 * field.roughness
     precision(field.squares, prior.order, least, cells * (nu + 1), root)
@@ -260,7 +256,7 @@ def _solve_all(
     mask: Bools,
     jobs: list[tuple[Floats, Floats, Floats]],
     max_steps: int,
-    tolerance: float = FieldSettings.tolerance,
+    tolerance: float = TOLERANCE,
 ) -> int:
     """Solve for each (information, right-hand side, solution) in place; steps of the first."""
 
@@ -290,7 +286,7 @@ def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
     for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
         forward(values, order, t)
         outer(t, order, weight, total)
-    width = FieldSettings.precision_window
+    width = _PRECISION_WINDOW
     return np.asarray(uniform_filter(total, (0, width, width)), float)
 
 

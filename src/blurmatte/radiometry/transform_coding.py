@@ -29,16 +29,13 @@ _STRIP = 32  # rows of blocks that are transformed at a time: saves memory
 ROUNDING_VARIANCE = 1 / 12  # of integers
 
 
-@dataclass(frozen=True)
-class TransformSettings:
-    """Blocks and frequencies over which E l² is averaged, and the rounding of encoders."""
-
-    rounding: float = 1 / 3  # l = floor(|c| + this)
-    rounding_of_moving: float = 1 / 6  # the same in reference encoders between key frames
-    group: int = 2  # frequencies, in both directions, of one σ
-    window_blocks: int = 9
-    # Coefficients that are not zero, at a frequency in all windows where all are zero: a bound of σ
-    min_nonzero: float = 0.5
+# Blocks and frequencies over which E l² is averaged, and the rounding of encoders.
+_ROUNDING = 1 / 3  # l = floor(|c| + this)
+_ROUNDING_OF_MOVING = 1 / 6  # the same in reference encoders between key frames
+_GROUP = 2  # frequencies, in both directions, of one σ
+_WINDOW_BLOCKS = 9
+# Coefficients that are not zero, at a frequency in all windows where all are zero: a bound of σ
+_MIN_NONZERO = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +123,7 @@ def lost_change(change: npt.NDArray[np.floating], step: float) -> Array:
     h, w = change.shape
     blocks = change.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK).transpose(0, 2, 1, 3)
     c = dctn(blocks, axes=(2, 3), norm="ortho") / step
-    c -= np.copysign(np.floor(np.abs(c) + TransformSettings.rounding_of_moving), c)
+    c -= np.copysign(np.floor(np.abs(c) + _ROUNDING_OF_MOVING), c)
     lost = idctn(c * step, axes=(2, 3), norm="ortho")
     return np.asarray(lost.transpose(0, 2, 1, 3).reshape(h, w))
 
@@ -143,20 +140,20 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     """
     from scipy.ndimage import uniform_filter
 
-    settings, (h, w) = TransformSettings, step.shape
-    group, n = settings.group, BLOCK // settings.group
+    (h, w) = step.shape
+    group, n = _GROUP, BLOCK // _GROUP
     power = np.empty((h, w, n, n))
     for rows, residuals in _residuals(plane, h, w):
         levels = np.abs(residuals, out=residuals)
         levels /= step[rows, :, None, None].astype(np.float32)
-        levels += np.float32(settings.rounding)
+        levels += np.float32(_ROUNDING)
         np.square(np.floor(levels, out=levels), out=levels)
         levels.reshape(-1, w, n, group, n, group).mean(axis=(3, 5), out=power[rows])
-    side = settings.window_blocks
+    side = _WINDOW_BLOCKS
     power = uniform_filter(power, (side, side, 1, 1), mode="nearest")
-    zero = power < settings.min_nonzero / (group * side) ** 2
+    zero = power < _MIN_NONZERO / (group * side) ** 2
     coefficients = group**2 * np.maximum(zero.sum(axis=(0, 1)), 1)
-    power = np.where(zero, settings.min_nonzero / coefficients, power)
+    power = np.where(zero, _MIN_NONZERO / coefficients, power)
     known, error = _error_of_power()
     lost = np.asarray(np.interp(np.log(power), np.log(known), error))
     least = (ROUNDING_VARIANCE / step**2)[..., None, None]
@@ -200,7 +197,7 @@ def _error_of_power() -> tuple[Array, Array]:
 
         E l² = Σ (2k − 1) exp(−tₖ / b),   E |c| l = Σ (tₖ + b) exp(−tₖ / b),   k = 1, 2, …
     """
-    b, f = np.geomspace(0.015, 20, 200), TransformSettings.rounding
+    b, f = np.geomspace(0.015, 20, 200), _ROUNDING
     r, scale = np.exp(-1 / b), np.exp(f / b)
     power = scale * r * (1 + r) / (1 - r) ** 2
     product = scale * ((b - f) * r / (1 - r) + r / (1 - r) ** 2)

@@ -6,7 +6,6 @@ nothing moved. Large pictures are averaged over cells of several pixels, which b
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -15,23 +14,17 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, NoiseModel, rounding_noise
 from blurmatte.statistics import cell_means, robust_std
 
-
-@dataclass(frozen=True)
-class StreakSettings:
-    """Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells."""
-
-    max_cells: float = 1e6  # of a picture
-    smoothing: tuple[float, ...] = (1.0, 3.0)  # std: for small sharp and for faint broad streaks
-    sure: float = 6.0**2  # T: something moved
-    possible: float = 3.5**2  # T: part of a streak if connected to a sure place
-    rounding_steps: float = 4.0  # codes, to which JPEG and video round blocks
-    min_relative_contrast: float = 0.1  # of a streak's own; below it is a shadow or halo
-    closing: int = 2  # gaps up to twice this are closed
-    rim: int = 3  # of a streak, fainter than the noise
-    light_block_px: int = 8  # over which noise averages out, and changes of light do not
-    min_light_change: float = (
-        0.01  # standard deviation over the light; alpha is off by several times it
-    )
+# Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells.
+MAX_CELLS = 1e6  # of a picture
+SMOOTHING = (1.0, 3.0)  # std: for small sharp and for faint broad streaks
+SURE = 6.0**2  # T: something moved
+POSSIBLE = 3.5**2  # T: part of a streak if connected to a sure place
+_ROUNDING_STEPS = 4.0  # codes, to which JPEG and video round blocks
+MIN_RELATIVE_CONTRAST = 0.1  # of a streak's own; below it is a shadow or halo
+CLOSING = 2  # gaps up to twice this are closed
+RIM = 3  # of a streak, fainter than the noise
+_LIGHT_BLOCK_PX = 8  # over which noise averages out, and changes of light do not
+_MIN_LIGHT_CHANGE = 0.01  # standard deviation over the light; alpha is off by several times it
 
 
 def evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
@@ -42,10 +35,10 @@ def evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
     """
     z, weight, rounding = _normalized_difference(image, plate, cell)
     T = np.zeros(weight.shape, np.float32)
-    for scale in StreakSettings.smoothing:
+    for scale in SMOOTHING:
         white = _smoothed(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
         std = np.sqrt(np.maximum(white, 1e-6))
-        steps = StreakSettings.rounding_steps**2 * (4 * np.pi * scale**2)
+        steps = _ROUNDING_STEPS**2 * (4 * np.pi * scale**2)
         T_here = np.zeros_like(T)
         for c in range(3):
             smooth = _smoothed(z[..., c], scale) / std
@@ -135,7 +128,7 @@ def light_change(image: LinearImage, plate: LinearImage) -> float:
 
     0 unless it exceeds what noise, rounding and the codec leave. Medians leave out whatever moved.
     """
-    side = StreakSettings.light_block_px
+    side = _LIGHT_BLOCK_PX
     d, B, known = (
         np.concatenate(parts) for parts in zip(*_cells_of(image, plate, side), strict=True)
     )
@@ -148,10 +141,10 @@ def light_change(image: LinearImage, plate: LinearImage) -> float:
     changed = np.array([robust_std(d[known][:, c]) for c in range(3)]) ** 2
     light = np.maximum(np.median(B[known], axis=0), 1e-6)
     rounding = rounding_noise(image).variance(light) + rounding_noise(plate).variance(light)
-    least = of_noise / side + StreakSettings.rounding_steps**2 * rounding
+    least = of_noise / side + _ROUNDING_STEPS**2 * rounding
     excess = np.where(changed > least, changed - least, 0) ** 0.5 / light
     change = float(excess.max())
-    return change if change > StreakSettings.min_light_change else 0.0
+    return change if change > _MIN_LIGHT_CHANGE else 0.0
 
 
 def _edge_energy(B: Floats) -> Floats:

@@ -9,7 +9,16 @@ from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
-from blurmatte.streaks.evidence import StreakSettings, evidence, light_change
+from blurmatte.streaks.evidence import (
+    CLOSING,
+    MAX_CELLS,
+    MIN_RELATIVE_CONTRAST,
+    POSSIBLE,
+    RIM,
+    SURE,
+    evidence,
+    light_change,
+)
 from blurmatte.streaks.false_alarms import expected_false
 from blurmatte.streaks.in_line import join_in_line
 from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
@@ -48,14 +57,14 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
         raise _nothing_usable(image, plate)
     image, plate = with_noise(image, plate)
     image = without_outliers(image, plate)
-    cell = int(np.ceil(np.sqrt(image.valid.size / StreakSettings.max_cells)))
+    cell = int(np.ceil(np.sqrt(image.valid.size / MAX_CELLS)))
     T = evidence(image, plate, cell)
-    moved = opened(StreakSettings.possible < T)  # thin: a shifted edge of the plate
-    labels, _ = ndimage.label(dilated(moved, StreakSettings.closing), np.ones((3, 3)))
+    moved = opened(POSSIBLE < T)  # thin: a shifted edge of the plate
+    labels, _ = ndimage.label(dilated(moved, CLOSING), np.ones((3, 3)))
     parts = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
-        for part in _strong_parts(near) if near.max() > StreakSettings.sure else ():
+        for part in _strong_parts(near) if near.max() > SURE else ():
             cells = np.zeros(T.shape, bool)
             cells[place] = part
             parts.append(cells)
@@ -140,21 +149,19 @@ def _strong_parts(T: Floats) -> list[Bools]:
     from scipy import ndimage
 
     typical = float(np.quantile(T[T > 0], 0.9))
-    weakest = StreakSettings.min_relative_contrast**2 * typical
-    strong = np.asarray(max(StreakSettings.possible, weakest) < T)
-    near = dilated(strong, StreakSettings.closing)
+    weakest = MIN_RELATIVE_CONTRAST**2 * typical
+    strong = np.asarray(max(POSSIBLE, weakest) < T)
+    near = dilated(strong, CLOSING)
     pieces, count = ndimage.label(near, np.ones((3, 3)))
     tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
-    return [
-        strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > StreakSettings.sure
-    ]
+    return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > SURE]
 
 
 def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
     """Mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
     from scipy import ndimage
 
-    rim, closing = StreakSettings.rim, StreakSettings.closing
+    rim, closing = RIM, CLOSING
     (place,) = ndimage.find_objects(part.astype(np.int8))
     joined = dilated(np.pad(part[place], rim), closing)
     grown = dilated(ndimage.binary_fill_holes(joined), rim - closing)
@@ -179,7 +186,7 @@ def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[St
 
     def behind(mask: Bools) -> Bools:
         """The part of the occluder within its width of a mask."""
-        grown = dilated(mask, StreakSettings.rim)
+        grown = dilated(mask, RIM)
         return np.asarray(
             occluder & binary_dilation(grown, iterations=across, mask=occluder | grown)
         )

@@ -22,24 +22,21 @@ Map = npt.NDArray[np.float32]
 CELL = 2  # pixels: half resolution
 
 
-@dataclass(frozen=True)
-class GateSettings:
-    """Thresholds of the differences, and the boxes around what moved."""
-
-    block_cells: int = 4
-    strip_cells: int = 256  # rows that are compared at a time: whole blocks
-    max_std: float = 5.0  # of d without motion
-    min_cell_codes: float = 3.0  # |d|: video rounds a block up or down by a few codes
-    min_block_codes: float = 1.5  # the same of a mean over a block
-    min_cells: int = 6  # beyond their threshold in a block: fewer are noise with long tails
-    std_window_cells: int = 5  # over which σ² is averaged
-    min_samples: int = 8  # of a σ for each cell
-    quantile: float = 0.4  # of |d| over the samples
-    quantile_stds: float = 0.5244  # that of |x| for standard normal x
-    margin_px: int = 32  # around what moved: the rims of a streak are fainter
-    min_margin_ratio: float = 0.5  # of the lesser side: most of a box must show the plate
-    gain_every_cells: int = 8  # for the gain of a frame
-    max_gain_change: float = 0.005  # of one frame: smaller ones are noise of the median
+# Thresholds of the differences, and the boxes around what moved.
+_BLOCK_CELLS = 4
+_STRIP_CELLS = 256  # rows that are compared at a time: whole blocks
+_MAX_STD = 5.0  # of d without motion
+_MIN_CELL_CODES = 3.0  # |d|: video rounds a block up or down by a few codes
+_MIN_BLOCK_CODES = 1.5  # the same of a mean over a block
+_MIN_CELLS = 6  # beyond their threshold in a block: fewer are noise with long tails
+_STD_WINDOW_CELLS = 5  # over which σ² is averaged
+_MIN_SAMPLES = 8  # of a σ for each cell
+_QUANTILE = 0.4  # of |d| over the samples
+_QUANTILE_STDS = 0.5244  # that of |x| for standard normal x
+_MARGIN_PX = 32  # around what moved: the rims of a streak are fainter
+_MIN_MARGIN_RATIO = 0.5  # of the lesser side: most of a box must show the plate
+_GAIN_EVERY_CELLS = 8  # for the gain of a frame
+_MAX_GAIN_CHANGE = 0.005  # of one frame: smaller ones are noise of the median
 
 
 @dataclass(frozen=True)
@@ -72,7 +69,7 @@ class Gate:
         samples: frames of which most show the plate at each place, about a dozen.
         hidden (H, W): where changes are no motion.
         """
-        settings, block = GateSettings, GateSettings.block_cells
+        block = _BLOCK_CELLS
         padded = _padded(plate.planes)
         shape = tuple(n // CELL for n in padded[0].shape)
         expected = tuple(map(_summed, padded, 3 * [shape], plate.zero))
@@ -96,8 +93,8 @@ class Gate:
             of_cells, over_blocks = map(np.concatenate, stds)
             in_cell = CELL**2 if plate.planes[c].shape == plate.planes[0].shape else 1
             codes = in_cell * max(plate.step, 0.0)
-            reach.append(_reach(of_cells, settings.min_cell_codes * codes))
-            of_blocks.append(_reach(over_blocks, settings.min_block_codes * codes * block**2))
+            reach.append(_reach(of_cells, _MIN_CELL_CODES * codes))
+            of_blocks.append(_reach(over_blocks, _MIN_BLOCK_CODES * codes * block**2))
         if hidden is not None:
             ignored = _padded((hidden, hidden, hidden))[0]
             for side, tables in ((CELL, reach), (CELL * block, of_blocks)):
@@ -110,7 +107,7 @@ class Gate:
     def changes(self, frame: CodedFrame) -> Change:
         """What moved in a frame; raises ValueError if it has another size."""
         check_same_size("a frame", frame.size, "plate", self.size)
-        planes, block = _padded(frame.planes), GateSettings.block_cells
+        planes, block = _padded(frame.planes), _BLOCK_CELLS
         gain = _gain(_few_cells(planes[0], self.zero[0]), self.cells[0])
         counts = np.zeros(self.block_reach[0].shape, np.int32)
         sums, moved = np.empty(counts.shape, np.float32), np.zeros(counts.shape, bool)
@@ -119,7 +116,7 @@ class Gate:
             table = self.cells[c], self.cell_reach[c]
             count_changes(planes[c], zero, np.float32(gain), *table, block, counts, sums)
             moved |= np.abs(sums) > self.block_reach[c]
-        moved |= counts >= GateSettings.min_cells
+        moved |= counts >= _MIN_CELLS
         boxes = _boxes(moved, CELL * block, self.size)
         return Change(frame.number, frame.time, boxes, float(moved.mean()), gain)
 
@@ -129,7 +126,7 @@ def _padded(planes: Planes) -> Planes:
 
     Raises ValueError if planes are neither of the size of the first nor of half of it.
     """
-    (height, width), side = planes[0].shape, CELL * GateSettings.block_cells
+    (height, width), side = planes[0].shape, CELL * _BLOCK_CELLS
     whole = np.array([-(-height // side) * side, -(-width // side) * side])
     padded = []
     for plane in planes:
@@ -156,19 +153,19 @@ def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float)
 
 def _few_cells(plane: npt.NDArray[np.generic], zero: float) -> Map:
     """Every n-th cell of the first plane, from which the gain is found."""
-    step = CELL * GateSettings.gain_every_cells
+    step = CELL * _GAIN_EVERY_CELLS
     corners = (plane[y::step, x::step].astype(np.float32) for y in range(CELL) for x in range(CELL))
     return np.asarray(sum(corners) - np.float32(CELL**2 * zero))
 
 
 def _gain(few: Map, expected: Map) -> float:
     """Gain of a frame: the median ratio of its first plane to the plate's; 1 if it hardly changed."""
-    b = expected[:: GateSettings.gain_every_cells, :: GateSettings.gain_every_cells]
+    b = expected[::_GAIN_EVERY_CELLS, ::_GAIN_EVERY_CELLS]
     bright = b > 0.1 * b.max()  # dark code values have no ratio
     if not bright.any():
         return 1.0
     gain = float(np.median(few[bright] / b[bright]))
-    return gain if abs(gain - 1) > GateSettings.max_gain_change else 1.0
+    return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
 
 
 def _block_sums(cells: Map, block: int) -> Map:
@@ -178,27 +175,27 @@ def _block_sums(cells: Map, block: int) -> Map:
 
 def _strips(height: int, samples: int) -> Iterator[slice]:
     """Rows that are compared at a time: few frames share one median of the whole picture."""
-    rows = height if samples < GateSettings.min_samples else GateSettings.strip_cells
+    rows = height if samples < _MIN_SAMPLES else _STRIP_CELLS
     return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
 
 
 def _std(differences: Map) -> Map:
     """From a low quantile of |d| over frames: an object may cover half of them. Overwrites d."""
     sizes = np.abs(differences, out=differences)
-    if len(sizes) < GateSettings.min_samples:
+    if len(sizes) < _MIN_SAMPLES:
         return np.full(sizes[0].shape, MAD_TO_STD * np.median(sizes))
-    rank = int(GateSettings.quantile * len(sizes))
+    rank = int(_QUANTILE * len(sizes))
     sizes.partition(rank, axis=0)
-    return np.asarray(sizes[rank] / GateSettings.quantile_stds)
+    return np.asarray(sizes[rank] / _QUANTILE_STDS)
 
 
 def _reach(std: Map, least: float) -> Map:
     """Largest |d| without motion, from its standard deviations."""
     from scipy.ndimage import uniform_filter
 
-    variance = uniform_filter(std**2, GateSettings.std_window_cells, mode="nearest")
+    variance = uniform_filter(std**2, _STD_WINDOW_CELLS, mode="nearest")
     std = np.sqrt(np.maximum(variance, std**2))  # of edges, which restless places are next to
-    return np.asarray(np.maximum(GateSettings.max_std * std, max(least, 1e-9)), np.float32)
+    return np.asarray(np.maximum(_MAX_STD * std, max(least, 1e-9)), np.float32)
 
 
 def _boxes(moved: Bools, side: int, size: tuple[int, int]) -> tuple[Box, ...]:
@@ -212,7 +209,7 @@ def _boxes(moved: Bools, side: int, size: tuple[int, int]) -> tuple[Box, ...]:
     boxes = []
     for y, x in ndimage.find_objects(labels):
         least = side * min(y.stop - y.start, x.stop - x.start)
-        margin = max(GateSettings.margin_px, int(GateSettings.min_margin_ratio * least))
+        margin = max(_MARGIN_PX, int(_MIN_MARGIN_RATIO * least))
         x0, y0 = max(x.start * side - margin, 0), max(y.start * side - margin, 0)
         box = x0, y0, min(x.stop * side + margin, width), min(y.stop * side + margin, height)
         boxes.append(box)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.streaks.evidence import StreakSettings
+from blurmatte.streaks.evidence import SMOOTHING
 from blurmatte.streaks.morphology import dilated
 
 Array = npt.NDArray[np.float64]
@@ -95,7 +95,7 @@ def join_in_line(parts: Sequence[Bools], T: Floats) -> list[Bools]:
     median evidence between them exceeds that of nearly all cells in which nothing moved.
     """
     moved = np.logical_or.reduce(parts) if parts else np.zeros(T.shape, bool)
-    halo = int(3 * max(StreakSettings.smoothing))  # of a part in the smoothed evidence
+    halo = int(3 * max(SMOOTHING))  # of a part in the smoothed evidence
 
     def is_streak(corridor: Bools) -> bool:
         """Whether its median T exceeds that of most cells where nothing moved."""

@@ -30,8 +30,9 @@ from blurmatte.sweep.fit.codec_loss import before_loss
 from blurmatte.sweep.fit.jpeg_correction import candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
+    MAX_STEPS,
+    QUICK_RADII,
     Multistart,
-    MultistartSettings,
     fitted_to_hue,
     half_width_of,
     with_principal_axes,
@@ -60,23 +61,20 @@ from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
 
-@dataclass(frozen=True)
-class HypothesisSettings:
-    """Which streaks are fitted, and which hypotheses are fitted, refined and kept."""
-
-    max_streaks: int = 5  # that are compared
-    min_evidence_ratio: float = 0.01  # evidence of a streak over that of the strongest
-    # Variance inflation of residuals that another shape or light does not reduce
-    max_explained_inflation: float = 1.2
-    # Of the plate's light that it loses: less hardly changes alpha, and costs a search
-    min_loss: float = 0.02
-    # Of a streak in that light: a smaller one justifies a search
-    max_remaining_fraction: float = 0.9
-    min_light_weight: float = 0.993  # weight of other light on the plate: 150 to 1
-    min_refined_weight: float = 1e-3  # weight of a hypothesis that is refined
-    # Relative root mean square difference of alpha of two hypotheses
-    min_alpha_difference: float = 0.01
-    max_solid_blur: float = 0.1  # blur of the rim over the radius; shadows are softer
+# Which streaks are fitted, and which hypotheses are fitted, refined and kept.
+_MAX_STREAKS = 5  # that are compared
+_MIN_EVIDENCE_RATIO = 0.01  # evidence of a streak over that of the strongest
+# Variance inflation of residuals that another shape or light does not reduce
+_MAX_EXPLAINED_INFLATION = 1.2
+# Of the plate's light that it loses: less hardly changes alpha, and costs a search
+_MIN_LOSS = 0.02
+# Of a streak in that light: a smaller one justifies a search
+_MAX_REMAINING_FRACTION = 0.9
+_MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
+_MIN_REFINED_WEIGHT = 1e-3  # weight of a hypothesis that is refined
+# Relative root mean square difference of alpha of two hypotheses
+_MIN_ALPHA_DIFFERENCE = 0.01
+_MAX_SOLID_BLUR = 0.1  # blur of the rim over the radius; shadows are softer
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +165,8 @@ def likeliest_streak(
     streaks: the strongest first, which is returned if a disc explains none by more than half.
     model: prior of the color.
     """
-    settings = HypothesisSettings
-    min_evidence = settings.min_evidence_ratio * streaks[0].evidence
-    strong = [s for s in streaks[: settings.max_streaks] if s.evidence >= min_evidence]
+    min_evidence = _MIN_EVIDENCE_RATIO * streaks[0].evidence
+    strong = [s for s in streaks[:_MAX_STREAKS] if s.evidence >= min_evidence]
     if len(strong) < 2:
         return streaks[0]
     lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
@@ -216,7 +213,7 @@ def _in_likelier_light(
     frames say where the object is, its own light does not count as light on the plate, and a disc that
     they know is fitted again only in a light in which it is likelier as it is.
     """
-    settings, known = HypothesisSettings, found.best.diagnostics
+    known = found.best.diagnostics
     if _is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
@@ -238,7 +235,7 @@ def _in_likelier_light(
     other = _fit_before(image, lighting.on(found.plate), rest, search, start)
     if not lighting.is_possible(other.best.alpha):
         return found
-    return other if weight(other) > settings.min_light_weight else found
+    return other if weight(other) > _MIN_LIGHT_WEIGHT else found
 
 
 def _lighting_of(
@@ -248,8 +245,8 @@ def _lighting_of(
 
     None if the plate hardly gets darker, or the streak hardly smaller.
     """
-    settings, lighting = HypothesisSettings, fit_lighting(observation)
-    if lighting.change.min() > -settings.min_loss:
+    lighting = fit_lighting(observation)
+    if lighting.change.min() > -_MIN_LOSS:
         return None
     rest = _streak_within(streak, image, lighting.on(plate))
     if rest is None:
@@ -258,7 +255,7 @@ def _lighting_of(
     finer = replace(observation, grain=observation.grain * width / half_width_of(streak))
     lighting = fit_lighting(finer)
     rest = _streak_within(streak, image, lighting.on(plate))
-    if rest is None or rest.mask.sum() > settings.max_remaining_fraction * streak.mask.sum():
+    if rest is None or rest.mask.sum() > _MAX_REMAINING_FRACTION * streak.mask.sum():
         return None
     return lighting, rest
 
@@ -293,7 +290,7 @@ def _fit_before(
     weights = hypothesis_weights(evidence)
     compared = []
     for candidate, known, weight in zip(candidates, evidence, weights, strict=True):
-        if weight > HypothesisSettings.min_refined_weight:
+        if weight > _MIN_REFINED_WEIGHT:
             compared.append(_refined(candidate, known, image, search))
         else:
             compared.append((sweep_of(candidate, image), known))
@@ -308,9 +305,7 @@ def _seen_through(disc: State, bounds: tuple[float, float]) -> State:
     thin = _with_opacity(Candidate(disc)).state
     if thin is disc:
         return disc
-    return minimize(
-        with_principal_axes(thin), bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE
-    )
+    return minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
 
 
 def _with_opacity(candidate: Candidate) -> Candidate:
@@ -338,7 +333,7 @@ def _is_explained(observation: Observation, inflation: float, excess: float) -> 
     """
     if _is_known_disc(observation) and excess <= MAX_RESIDUAL_EXCESS:
         return True
-    return inflation <= HypothesisSettings.max_explained_inflation
+    return inflation <= _MAX_EXPLAINED_INFLATION
 
 
 def _is_known_disc(observation: Observation) -> bool:
@@ -366,7 +361,7 @@ def fit_stretch(
     search, one_paint, _ = _discs(search.with_prior(prior), start)
     disc = one_paint[0]
     ellipse = disc.of_kind(replace(disc.silhouette, order=2))
-    ellipse = minimize(ellipse, search.bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE)
+    ellipse = minimize(ellipse, search.bounds, MAX_STEPS, ROUGH_TOLERANCE)
     at = slice(len(ellipse.path) + 1, len(ellipse.path) + 3)
     covariance = np.asarray(np.linalg.pinv(ellipse.information()[0], hermitian=True)[at, at], float)
     return ellipse.shape[1:3], variance_inflation(ellipse) * VARIANCE * covariance
@@ -393,7 +388,7 @@ def fit_disc_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> D
     disc, search, sweep = _quick_disc(image, plate, streak)
     varied = with_varied_colors(disc)
     for _ in range(2):  # the second time with axes along the colors of the first
-        varied = minimize(with_principal_axes(varied), search.bounds, MultistartSettings.max_steps)
+        varied = minimize(with_principal_axes(varied), search.bounds, MAX_STEPS)
     noisy = varied.observation.raised(hue_inflation(varied))
 
     def cost(state: State, paints: int) -> float:
@@ -476,7 +471,7 @@ def _distinct(
 ) -> list[tuple[Sweep, Evidence]]:
     """Without duplicates: paths of one family with nearly the same alpha as a likelier hypothesis."""
     kept: list[tuple[Sweep, Evidence]] = []
-    smallest = HypothesisSettings.min_alpha_difference
+    smallest = _MIN_ALPHA_DIFFERENCE
     for sweep, evidence in compared:
         alike = (one for one, _ in kept if one.family is sweep.family)
         if not any(one.rms_difference(sweep) < smallest for one in alike):
@@ -487,7 +482,7 @@ def _distinct(
 def _is_solid(sweep: Sweep) -> bool:
     """True if its rim is sharper than that of a soft shadow."""
     known = sweep.diagnostics
-    return not known.rejection and known.blur_over_radius < HypothesisSettings.max_solid_blur
+    return not known.rejection and known.blur_over_radius < _MAX_SOLID_BLUR
 
 
 def _with_shadow(
@@ -533,7 +528,7 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
 def _quick_search(
     streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
 ) -> Multistart:
-    return Multistart.of(streak, image, plate, color, MultistartSettings.quick_radii)
+    return Multistart.of(streak, image, plate, color, QUICK_RADII)
 
 
 def _evidence(observation: Observation, candidate: Candidate) -> Evidence:

@@ -5,8 +5,6 @@ window, with image C, plate B and the object's unit color l, C − B = k l − a
 for k and a. For the object k is about a times its brightness; for a shadow it is 0.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from blurmatte.checks import Array, Bools
@@ -15,25 +13,21 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_1, window_sums
 from blurmatte.streaks import Streak, dilated, opened
 
-
-@dataclass(frozen=True)
-class ShadowMaskSettings:
-    """Settings of the detection of a shadow; light is in units of the object's own."""
-
-    # Widths of the windows: dark shadows may be narrow, faint ones need larger windows
-    windows_px: tuple[int, ...] = (5, 11, 21)
-    max_shadow_light: float = 0.2  # upper bound of the light in a shadow on the plate
-    max_shaded_light: float = 0.85  # the same for a shadow that extends onto the object
-    # The same if the shape is unknown: less than the light on the underside of a ball below a lamp
-    max_underside_light: float = 0.4
-    threshold_std: float = 4.0  # threshold of both tests, in standard deviations of the noise
-    rim_px: int = 2  # dilation of the mask
-    # Bounds of the shadow's fraction of the streak; a shadow is neither negligible nor all of it
-    min_fraction: float = 0.03
-    max_fraction: float = 0.8
-    bleed_px: int = 4  # distance over which files spread a streak's colors
-    # Number of windows outside the streak that suffice to measure their noise
-    min_windows: int = 20
+# Settings of the detection of a shadow; light is in units of the object's own.
+# Widths of the windows: dark shadows may be narrow, faint ones need larger windows
+_WINDOWS_PX = (5, 11, 21)
+_MAX_SHADOW_LIGHT = 0.2  # upper bound of the light in a shadow on the plate
+_MAX_SHADED_LIGHT = 0.85  # the same for a shadow that extends onto the object
+# The same if the shape is unknown: less than the light on the underside of a ball below a lamp
+_MAX_UNDERSIDE_LIGHT = 0.4
+_THRESHOLD_STD = 4.0  # threshold of both tests, in standard deviations of the noise
+_RIM_PX = 2  # dilation of the mask
+# Bounds of the shadow's fraction of the streak; a shadow is neither negligible nor all of it
+_MIN_FRACTION = 0.03
+_MAX_FRACTION = 0.8
+_BLEED_PX = 4  # distance over which files spread a streak's colors
+# Number of windows outside the streak that suffice to measure their noise
+_MIN_WINDOWS = 20
 
 
 def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color: Array) -> Bools:
@@ -48,10 +42,8 @@ def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color:
     light, lost, _ = _light_and_loss(*(one[use] for one in sums[:4]))
     lost = np.clip(lost, 0, 1)
     brightness = float(np.sum(light * lost) / max(float(np.sum(lost**2)), 1e-12))
-    around = Streak.from_box(streak.around(ShadowMaskSettings.windows_px[-1]), image.size)
-    found = cast_shadow_mask(
-        image, plate, around, color, brightness, ShadowMaskSettings.max_underside_light
-    )
+    around = Streak.from_box(streak.around(_WINDOWS_PX[-1]), image.size)
+    found = cast_shadow_mask(image, plate, around, color, brightness, _MAX_UNDERSIDE_LIGHT)
     return found if (streak.mask & ~found).any() else np.zeros_like(found)
 
 
@@ -61,7 +53,7 @@ def cast_shadow_mask(
     streak: Streak,
     color: Array,
     brightness: float,
-    shaded: float = ShadowMaskSettings.max_shaded_light,
+    shaded: float = _MAX_SHADED_LIGHT,
 ) -> Bools:
     """Mask of the part of a streak that is the shadow of an object elsewhere in it.
 
@@ -73,21 +65,20 @@ def cast_shadow_mask(
     """
     from scipy.ndimage import binary_propagation
 
-    box = streak.around(ShadowMaskSettings.windows_px[-1])
+    box = streak.around(_WINDOWS_PX[-1])
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
     valid = image.valid & plate.valid
-    settings = ShadowMaskSettings
-    use, background = valid & inside, valid & ~dilated(inside, settings.bleed_px)
-    limits = settings.max_shadow_light * brightness, shaded * brightness
+    use, background = valid & inside, valid & ~dilated(inside, _BLEED_PX)
+    limits = _MAX_SHADOW_LIGHT * brightness, shaded * brightness
     products = _products(image, plate, color)
-    masks = [_darker_than(products, use, background, limits, n) for n in settings.windows_px]
+    masks = [_darker_than(products, use, background, limits, n) for n in _WINDOWS_PX]
     lightless, dim = np.any(masks, axis=0)
     core = use & lightless  # the shadow may extend onto the object
     found = np.zeros(streak.mask.shape, bool)
     reach = binary_propagation(core, mask=use & dim)
     if _is_part(reach, inside):
-        found[box[1] : box[3], box[0] : box[2]] = dilated(reach, ShadowMaskSettings.rim_px)
+        found[box[1] : box[3], box[0] : box[2]] = dilated(reach, _RIM_PX)
     whole = not (streak.mask & ~found).any()  # the rim may cover a small streak
     return np.zeros_like(found) if whole else found
 
@@ -102,14 +93,14 @@ def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
     dark = opened(darker_pixels(image.crop(streak.box), plate.crop(streak.box)) & inside)
     found = np.zeros(streak.mask.shape, bool)
     if _is_part(dark, inside):
-        found[y, x] = dilated(dark, ShadowMaskSettings.rim_px)
+        found[y, x] = dilated(dark, _RIM_PX)
     return found
 
 
 def _is_part(dark: Bools, inside: Bools) -> bool:
     """True if a shadow is a part of the streak, neither hardly any nor most of it."""
     fraction = np.count_nonzero(dark) / np.count_nonzero(inside)
-    return bool(ShadowMaskSettings.min_fraction < fraction < ShadowMaskSettings.max_fraction)
+    return bool(_MIN_FRACTION < fraction < _MAX_FRACTION)
 
 
 def _products(image: LinearImage, plate: LinearImage, color: Array) -> list[Array]:
@@ -139,19 +130,18 @@ def _darker_than(
     Both are tests at `threshold_std`. Correlated noise inflates the variance of windows; the
     inflation is measured in the background.
     """
-    settings = ShadowMaskSettings
     p, q, k, a, unit = _of_windows(products, use, window)
     far = window_sums(background, window) > (1 - 1 / window) * window**2
-    if np.count_nonzero(far) > settings.min_windows:
+    if np.count_nonzero(far) > _MIN_WINDOWS:
         *_, a_far, unit_far = _of_windows(products, background, window)
         z2 = a_far[far] ** 2 / np.maximum(unit_far[far], 1e-30)
         unit = unit * max(float(np.median(z2)) / MEDIAN_1, 1.0)
-    lost = (k * p < a * q) & (a > settings.threshold_std * np.sqrt(unit))
+    lost = (k * p < a * q) & (a > _THRESHOLD_STD * np.sqrt(unit))
 
     def lacking(limit: float) -> Bools:
         """Where the light is below `limit` times the lost fraction of the plate."""
         std = np.sqrt(np.maximum(unit * (q - 2 * limit * p + limit**2), 0))
-        return np.asarray(lost & (k - limit * a < -settings.threshold_std * std))
+        return np.asarray(lost & (k - limit * a < -_THRESHOLD_STD * std))
 
     return lacking(limits[0]), lacking(limits[1])
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from blurmatte.color.model import ColorModel
-from blurmatte.motion.clip.matched_filter import DetectionSettings, MatchedFilter
+from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.radiometry import LinearImage, NoiseModel
 
 MODEL = ColorModel(
@@ -20,7 +20,7 @@ def test_filter_made_in_strips_is_that_of_the_whole_picture(monkeypatch):
     )
     found = []
     for rows in (256, 8):
-        monkeypatch.setattr(DetectionSettings, "strip_rows", rows)
+        monkeypatch.setattr("blurmatte.motion.clip.matched_filter._STRIP_ROWS", rows)
         found.append(MatchedFilter.of(plate, image.crop, MODEL))
     whole, strips = found
     assert np.array_equal(whole.weight, strips.weight)

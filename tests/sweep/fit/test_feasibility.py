@@ -7,12 +7,7 @@ import pytest
 from tests.sweep.scenes import BALL, BALLS, ONE_PAINT, disc_at, observed
 
 from blurmatte.rendering import Ball
-from blurmatte.sweep.fit.feasibility import (
-    PhysicalLimits,
-    inside_mask,
-    rejection,
-    self_overlaps,
-)
+from blurmatte.sweep.fit.feasibility import MAX_LIGHT, inside_mask, rejection, self_overlaps
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.model.state import state_at
@@ -35,7 +30,7 @@ def test_the_truth_is_admissible(family):
 
 def test_a_shape_that_is_too_small_needs_more_light_than_white():
     small = disc_at(observed(PALE, color=ONE_PAINT), radius=4.0)
-    assert small.mean_color.max() > PhysicalLimits.max_light
+    assert small.mean_color.max() > MAX_LIGHT
     assert rejection(small) == "needs more light than white"
     assert not rejection(disc_at(observed(PALE, color=ONE_PAINT)))
 

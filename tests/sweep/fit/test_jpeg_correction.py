@@ -33,7 +33,7 @@ from blurmatte.sweep.fit.jpeg_correction import (
 )
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.silhouette import ShapeLimits, Silhouette
+from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX, Silhouette
 
 SCENE = FLAT_BEFORE_TILES[LINE]
 
@@ -55,7 +55,7 @@ def test_blur_is_that_of_the_compression_metadata():
     assert chroma_blur_std(state) == state.observation.compression.spread > 0
 
 
-@pytest.mark.parametrize(("softness", "blur"), [(0.8, 0.8), (5.0, ShapeLimits.max_file_blur_px)])
+@pytest.mark.parametrize(("softness", "blur"), [(0.8, 0.8), (5.0, MAX_FILE_BLUR_PX)])
 def test_the_blur_of_an_unknown_file_is_that_of_the_rim(softness, blur):
     """At most the blur of usual files."""
     state = fitted(camera=CAMERA)

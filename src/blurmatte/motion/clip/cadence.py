@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
-from blurmatte.motion.clip.smoothing import SmoothingSettings
+from blurmatte.motion.clip.smoothing import MIN_STD_PX
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 
 Array = npt.NDArray[np.float64]
@@ -164,7 +164,7 @@ def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
     seen = [row.stated for row in rows]
     places = np.array([one.place for one in seen if one is not None]).reshape(-1, 2)
     errors = [one.covariance for one in seen if one is not None]
-    found, least = [], SmoothingSettings.min_std_px**2 * np.eye(2)
+    found, least = [], MIN_STD_PX**2 * np.eye(2)
     for k in range(1, len(rows)):
         before, after = slice(max(k - _NEIGHBORS, 0), k), slice(k, k + _NEIGHBORS)
         predicted = _predicted(places, times, before, after)

@@ -25,8 +25,9 @@ from blurmatte.checks import Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals, parts_of_tracks
 from blurmatte.motion.clip.robust_curve import RobustCurve, whole_rows
 from blurmatte.motion.clip.smoothing import (
+    MIN_FRAMES,
+    MIN_STD_PX,
     Measurements,
-    SmoothingSettings,
     student_inflation,
     transition,
 )
@@ -61,7 +62,7 @@ class ClipPath(RobustCurve):
     @classmethod
     def of(cls, frames: Sequence[FrameMotion], used: Bools | None = None) -> ClipPath:
         """The path of the rows of one object, in order of time; if not given, whole discs predict."""
-        n, least = len(frames), SmoothingSettings.min_std_px**2 * np.eye(2)
+        n, least = len(frames), MIN_STD_PX**2 * np.eye(2)
         y, H = np.zeros((n, 4)), np.tile(np.eye(4, 6), (n, 1, 1))
         W, move_weights = np.zeros((n, 4, 4)), np.zeros((n, 2, 2))
         for k, row in enumerate(frames):
@@ -118,7 +119,7 @@ class ClipPath(RobustCurve):
         by_exposure = np.concatenate([np.sign(t) * (x[2:4] + t * x[4:]) / 2 for t in times])
         covariance = student_inflation(4) * J @ V @ J.T
         covariance += self.exposure_std**2 * np.outer(by_exposure, by_exposure)
-        covariance += SmoothingSettings.min_std_px**2 * np.eye(6)
+        covariance += MIN_STD_PX**2 * np.eye(6)
         return PathPrior((J @ x).reshape(3, 2), covariance)
 
     def revised(self) -> ClipPath:
@@ -184,7 +185,7 @@ class ClipPath(RobustCurve):
     def _largest_jump(self, part: int) -> int | None:
         """The row within a part before which the rows on both sides differ most about the state."""
         mine = np.flatnonzero((self.part == part) & self.used)
-        least = SmoothingSettings.min_frames
+        least = MIN_FRAMES
         if len(mine) < 2 * least:
             return None
         one = self.predicting.taken(mine)

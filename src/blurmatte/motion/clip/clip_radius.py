@@ -13,7 +13,7 @@ import numpy as np
 
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals, parts_of_tracks
 from blurmatte.motion.clip.robust_curve import RobustCurve, whole_rows
-from blurmatte.motion.clip.smoothing import Measurements, SmoothingSettings, student_inflation
+from blurmatte.motion.clip.smoothing import MIN_STD_PX, Measurements, student_inflation
 
 _ORDER = 2  # value and slope
 
@@ -30,7 +30,7 @@ class ClipRadius(RobustCurve):
         for k, row in enumerate(frames):
             if (one := row.stated) is not None:
                 radii[k] = one.radius
-                weights[k] = 1 / (one.radius_std**2 + SmoothingSettings.min_std_px**2)
+                weights[k] = 1 / (one.radius_std**2 + MIN_STD_PX**2)
         H = np.tile(np.eye(1, _ORDER), (n, 1, 1))
         rows = Measurements(np.array(in_intervals(frames), float), H, radii, weights, 1)
         used = whole_rows(frames)

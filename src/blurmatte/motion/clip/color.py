@@ -20,17 +20,14 @@ from blurmatte.sweep.fit_sweep import DiscColors, fit_disc_colors, fit_sweep
 Vote = tuple[DiscColors, float, int]  # colors, their weight, and the number of the frame
 
 
-@dataclass(frozen=True)
-class ColorSettings:
-    """Frames and streaks that vote for the color, and when the vote ends."""
-
-    frames_per_round: int = 6
-    round_starts: tuple[int, ...] = (2, 0, 1, 3)  # quarters of the distance between frames
-    streaks_per_frame: int = 3  # the strongest
-    min_agreeing_frames: int = 4
-    min_lead: float = 2.0  # times the weight of all other colors
-    max_color_angle: float = 0.15  # radians, between shades of one paint in changing light
-    relative_radius_std: float = 0.05  # at which the weight of a vote is halved
+# Frames and streaks that vote for the color, and when the vote ends.
+_FRAMES_PER_ROUND = 6
+_ROUND_STARTS = (2, 0, 1, 3)  # quarters of the distance between frames
+_STREAKS_PER_FRAME = 3  # the strongest
+_MIN_AGREEING_FRAMES = 4
+_MIN_LEAD = 2.0  # times the weight of all other colors
+_MAX_COLOR_ANGLE = 0.15  # radians, between shades of one paint in changing light
+_RELATIVE_RADIUS_STD = 0.05  # at which the weight of a vote is halved
 
 
 def _sweep_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> DiscColors:
@@ -112,7 +109,7 @@ def color_in_scene(
             break
     if not votes:
         raise ColorModelError(
-            f"no color was found in {ColorSettings.frames_per_round} or more frames: no shape on a "
+            f"no color was found in {_FRAMES_PER_ROUND} or more frames: no shape on a "
             "path explains their streaks; give the color (--color, model=)"
         )
     group = _largest_group(votes)
@@ -124,14 +121,14 @@ def color_in_scene(
 
 def _spread(numbers: Sequence[int], rounds: int) -> Iterator[int]:
     """Frames all over the clip, each round in order and between the frames of the others."""
-    step = -(-len(numbers) // ColorSettings.frames_per_round)
-    for first in dict.fromkeys(step * n // 4 for n in ColorSettings.round_starts[:rounds]):
+    step = -(-len(numbers) // _FRAMES_PER_ROUND)
+    for first in dict.fromkeys(step * n // 4 for n in _ROUND_STARTS[:rounds]):
         yield from numbers[first::step] if step else ()
 
 
 def _largest_group(votes: Sequence[Vote]) -> list[Vote]:
     """The votes for similar colors with the largest sum of weights."""
-    limit = ColorSettings.max_color_angle
+    limit = _MAX_COLOR_ANGLE
     groups = [[b for b in votes if _angle(a[0], b[0]) < limit] for a in votes]
     return max(groups, key=lambda group: sum(weight for _, weight, _ in group))
 
@@ -142,7 +139,7 @@ def _log_odds(votes: Sequence[Vote], group: Sequence[Vote]) -> Array:
     Few frames do not say how often votes mislead; any of them may be decisive then.
     """
     mistakes = (len(votes) - len(group) + 1) / (len(votes) + 2)  # rule of succession
-    if len(votes) < ColorSettings.min_agreeing_frames:
+    if len(votes) < _MIN_AGREEING_FRAMES:
         mistakes = float(np.exp(-2 * DECISIVE_LOG_BAYES_FACTOR))
     return pooled_log_odds([colors.log_odds for colors, _, _ in group], mistakes)
 
@@ -154,8 +151,8 @@ def _decided(votes: Sequence[Vote]) -> bool:
     """
     best = _largest_group(votes) if votes else []
     weight, total = (sum(weight for _, weight, _ in some) for some in (best, votes))
-    enough = len({number for _, _, number in best}) >= ColorSettings.min_agreeing_frames
-    if not enough or weight < ColorSettings.min_lead * (total - weight):
+    enough = len({number for _, _, number in best}) >= _MIN_AGREEING_FRAMES
+    if not enough or weight < _MIN_LEAD * (total - weight):
         return False
     most, decisive = max(colors.log_odds[0] for colors, _, _ in best), DECISIVE_LOG_BAYES_FACTOR
     return most <= decisive or bool(_log_odds(votes, best)[0] > decisive)
@@ -206,7 +203,7 @@ class _Voter:
             (streak, crop) for crop in self.scene.crops(frame, boxes) for streak in _streaks(crop)
         ]
         found.sort(key=lambda one: -one[0].evidence)
-        votes = (self._vote(*one, frame.size) for one in found[: ColorSettings.streaks_per_frame])
+        votes = (self._vote(*one, frame.size) for one in found[:_STREAKS_PER_FRAME])
         return [vote for vote in votes if vote is not None]
 
     def _vote(
@@ -224,7 +221,7 @@ class _Voter:
         sweep = colors.sweep
         if sweep.rejection:
             return None
-        uncertainty = sweep.radius_std / (ColorSettings.relative_radius_std * sweep.radius)
+        uncertainty = sweep.radius_std / (_RELATIVE_RADIUS_STD * sweep.radius)
         moved = streak.evidence * (sweep.length / sweep.radius) ** 2
         return colors, moved / (1 + uncertainty**2)
 

@@ -19,20 +19,17 @@ from blurmatte.motion.picture.motion import Scale
 Array = npt.NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class FallSettings:
-    """Tests of a parabola in time, and of its acceleration."""
-
-    min_positions: int = 4  # any three positions lie on a parabola
-    min_position_std_px: float = 1e-3  # no center is known better
-    min_chi2_probability: float = 1e-3
-    min_f_probability: float = 1e-2
-    min_f_positions: int = 7  # fewer leave too few degrees of freedom for the F test
-    max_outlier_fraction: float = 0.2  # of the positions: more are no mistakes of single frames
-    max_scatter: float = 0.1  # of the spread of the positions, the largest error
-    min_acceleration_std: float = 5.0  # standard deviations: below, its inverse is not normal
-    min_tilt: float = float(np.radians(10))  # radians off gravity, of a camera held by hand
-    min_tilt_std: float = 3.0  # standard deviations off gravity
+# Tests of a parabola in time, and of its acceleration.
+MIN_POSITIONS = 4  # any three positions lie on a parabola
+MIN_POSITION_STD_PX = 1e-3  # no center is known better
+_MIN_CHI2_PROBABILITY = 1e-3
+_MIN_F_PROBABILITY = 1e-2
+MIN_F_POSITIONS = 7  # fewer leave too few degrees of freedom for the F test
+MAX_OUTLIER_FRACTION = 0.2  # of the positions: more are no mistakes of single frames
+MAX_SCATTER = 0.1  # of the spread of the positions, the largest error
+_MIN_ACCELERATION_STD = 5.0  # standard deviations: below, its inverse is not normal
+_MIN_TILT = float(np.radians(10))  # radians off gravity, of a camera held by hand
+_MIN_TILT_STD = 3.0  # standard deviations off gravity
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +84,7 @@ class FreeFall:
     @property
     def fits(self) -> bool:
         """True if a parabola explains the positions, within their errors or their scatter."""
-        return self._within_errors or self.even > FallSettings.min_f_probability
+        return self._within_errors or self.even > _MIN_F_PROBABILITY
 
     @property
     def overscatter(self) -> float:
@@ -149,16 +146,14 @@ class FreeFall:
                 f"positions: it was held, hit or slowed by air, {nearer}or errors are larger than "
                 "stated"
             )
-        least = FallSettings.min_acceleration_std
+        least = _MIN_ACCELERATION_STD
         if not self.size > least * self.size_std:
             return (
                 f"its acceleration, {self.size:.3g} ± {self.size_std:.2g} {self.unit}/s², is not "
                 f"{least:g} times its error; use a longer flight or more frames"
             )
         off, std = self.off_gravity
-        if self._down_is_known and off > max(
-            FallSettings.min_tilt, FallSettings.min_tilt_std * std
-        ):
+        if self._down_is_known and off > max(_MIN_TILT, _MIN_TILT_STD * std):
             vector = "x,y or x,y,z" if self.unit == "px" else "x,y,z, or its size alone"
             down = "gravity" if self.directed else "down in the picture"
             return (
@@ -271,7 +266,7 @@ class FreeFall:
 
     @property
     def _within_errors(self) -> bool:
-        return self.likely > FallSettings.min_chi2_probability
+        return self.likely > _MIN_CHI2_PROBABILITY
 
     @property
     def _gravity_size(self) -> float:

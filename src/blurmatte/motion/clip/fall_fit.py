@@ -24,9 +24,16 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.clip.detections import FrameMotion, check_rows, main_track
-from blurmatte.motion.clip.fall import FallSettings, FreeFall
+from blurmatte.motion.clip.fall import (
+    MAX_OUTLIER_FRACTION,
+    MAX_SCATTER,
+    MIN_F_POSITIONS,
+    MIN_POSITION_STD_PX,
+    MIN_POSITIONS,
+    FreeFall,
+)
 from blurmatte.motion.clip.positions_3d import BallPlace, check_line_time_of_clip
-from blurmatte.motion.clip.smoothing import SmoothingSettings, noise_scale, student_weights
+from blurmatte.motion.clip.smoothing import MIN_OUTLIER_PROBABILITY, noise_scale, student_weights
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.motion.space.ball_motion import BallMotion
 
@@ -86,7 +93,7 @@ def fit_fall(
     places = np.array([s.place for s in seen])
     rows_of_sensor = np.array([s.rows[0] for s in seen])
     times = _times([row.time for row in track]) + line_time * rows_of_sensor
-    least = FallSettings.min_position_std_px**2 * np.eye(2)
+    least = MIN_POSITION_STD_PX**2 * np.eye(2)
     known = np.array([s.covariance + least for s in seen])
     flight = _Flight([row.frame for row in track], times, places, known)
     fall = replace(flight.fall(np.array([one.is_sound for one in seen])), scale=scale)
@@ -177,9 +184,9 @@ def _times(times: Sequence[float | None]) -> Array:
     t = np.array([np.nan if time is None else time for time in times])
     if not np.all(np.isfinite(t)):
         raise MotionError("the frames have no times; give the rate, frames per second")
-    if len(np.unique(t)) < FallSettings.min_positions:
+    if len(np.unique(t)) < MIN_POSITIONS:
         raise MotionError(
-            f"a fall needs {FallSettings.min_positions} different times, got {len(np.unique(t))}; give "
+            f"a fall needs {MIN_POSITIONS} different times, got {len(np.unique(t))}; give "
             "the rate, frames per second"
         )
     return t
@@ -196,12 +203,12 @@ class _Flight:
 
     def fall(self, sound: Bools) -> FreeFall:
         """The parabola of the sound positions, without a few outliers; of all, if few are sound."""
-        if sound.sum() < FallSettings.min_positions:
+        if sound.sum() < MIN_POSITIONS:
             sound = np.ones(len(sound), bool)
         excess = self._excess(sound)
         used = sound & (excess <= 1)
-        most = FallSettings.max_outlier_fraction * sound.sum()
-        if used.sum() < FallSettings.min_f_positions or (sound & ~used).sum() > most:
+        most = MAX_OUTLIER_FRACTION * sound.sum()
+        if used.sum() < MIN_F_POSITIONS or (sound & ~used).sum() > most:
             used = sound
         fall = _parabola(self.times[used], self.places[used], self.known[used])
         off = np.flatnonzero(~used & (excess > 1)).tolist()
@@ -224,7 +231,7 @@ class _Flight:
             chi2 = np.einsum("mi,mij,mj->m", off, W, off)
             chi2 /= noise_scale(chi2[sound] / share, freedom[sound])
             weights = student_weights(chi2, freedom)
-        limit = SmoothingSettings.min_outlier_probability / count
+        limit = MIN_OUTLIER_PROBABILITY / count
         return np.asarray(chi2 / n / fdtri(n, free, 1 - limit))
 
 
@@ -246,9 +253,9 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
         freedom,
         float(chdtrc(freedom, chi2)),
     )
-    if count < FallSettings.min_f_positions or fall.fits:
+    if count < MIN_F_POSITIONS or fall.fits:
         return fall
-    if chi2 > FallSettings.max_scatter**2 * _polynomial(times - middle, places, known, 0)[2]:
+    if chi2 > MAX_SCATTER**2 * _polynomial(times - middle, places, known, 0)[2]:
         return fall
     less = _polynomial(times - middle, places, known, 4)[2]
     added, free = 2 * n, n * (count - 5)
@@ -276,5 +283,5 @@ def _powers(t: Array, degree: int) -> Array:
 
 
 def _check_count(count: int, what: str) -> None:
-    if count < FallSettings.min_positions:
-        raise MotionError(f"a fall needs {FallSettings.min_positions} {what}, got {count}")
+    if count < MIN_POSITIONS:
+        raise MotionError(f"a fall needs {MIN_POSITIONS} {what}, got {count}")

@@ -1,7 +1,7 @@
 """link_sightings, link_objects: detections in single frames → tracks of one object or several."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,13 +23,10 @@ _OFF_TRACK = "the object's track does not go there; {} streak{} of its color ign
 _NO_TRACK = "{} streak{} of the color ignored: of several objects at once, or in too few frames"
 
 
-@dataclass(frozen=True)
-class LinkSettings:
-    """Which tracks are the object, and which detections are doubtful."""
-
-    min_evidence_fraction: float = 0.1  # of the strongest track's: less is another object
-    min_peak_fraction: float = 0.003  # of the strongest streak's evidence: a coding artifact
-    max_size_ratio: float = 2.0  # to the median radius: larger or smaller is doubtful
+# Which tracks are the object, and which detections are doubtful.
+_MIN_EVIDENCE_FRACTION = 0.1  # of the strongest track's: less is another object
+_MIN_PEAK_FRACTION = 0.003  # of the strongest streak's evidence: a coding artifact
+_MAX_SIZE_RATIO = 2.0  # to the median radius: larger or smaller is doubtful
 
 
 def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
@@ -130,7 +127,7 @@ def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]
             "each of frames", frame, FrameSightings, "use blurmatte.motion.sightings(frames)"
         )
     peak = max((s.evidence for frame in all_frames for s in frame.found), default=0.0)
-    least = LinkSettings.min_peak_fraction * peak
+    least = _MIN_PEAK_FRACTION * peak
     kept = []
     for frame in all_frames:
         found = tuple(s for s in frame.found if not s.evidence < least)
@@ -209,7 +206,7 @@ def _median_radius(tracks: Sequence[Track]) -> float:
 
 def _with_size_doubt(sighting: Sighting, median: float) -> Sighting:
     """The detection, with a doubt if its radius is far from the object's median."""
-    ratio, limit = sighting.radius / max(median, 1e-12), LinkSettings.max_size_ratio
+    ratio, limit = sighting.radius / max(median, 1e-12), _MAX_SIZE_RATIO
     if 1 / limit < ratio < limit:
         return sighting
     doubt = (
@@ -222,7 +219,7 @@ def _with_size_doubt(sighting: Sighting, median: float) -> Sighting:
 def _chosen(tracks: Sequence[Track]) -> list[Track]:
     """The strongest track, and of weaker ones the frames without stronger ones; in order of time."""
     chosen: list[Track] = []
-    least = LinkSettings.min_evidence_fraction
+    least = _MIN_EVIDENCE_FRACTION
     for track in sorted(tracks, key=lambda track: -track.evidence):
         if chosen and _mean_evidence(track) < least * _mean_evidence(chosen[0]):
             continue

@@ -21,22 +21,19 @@ Array = npt.NDArray[np.floating]
 Place = tuple[slice, ...]
 
 
-@dataclass(frozen=True)
-class DetectionSettings:
-    """Hysteresis thresholds of the filter, and the parts of a frame that are kept."""
-
-    smoothing_px: float = 1.5  # standard deviation of the Gaussian
-    detection_std: float = 6.0  # standard deviations of the smoothed light p: a part exists
-    extent_std: float = 2.5  # the same: a pixel belongs to a part
-    min_strength_fraction: float = 0.1  # of a part's own: less is a reflection, or coding blocks
-    min_energy_fraction: float = 0.1  # of a frame's strongest part: less is not the object
-    min_area_px: int = 25
-    max_parts: int = 3  # of a frame, for one object
-    max_parts_of_several: int = 16  # the same for several objects
-    closing_px: int = 3  # gaps where the plate has the object's own color
-    margin_px: int = 4  # where the edge fades below the noise
-    strip_rows: int = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
-    truncation_std: float = 4.0  # standard deviations at which SciPy truncates a Gaussian
+# Hysteresis thresholds of the filter, and the parts of a frame that are kept.
+_SMOOTHING_PX = 1.5  # standard deviation of the Gaussian
+_DETECTION_STD = 6.0  # standard deviations of the smoothed light p: a part exists
+_EXTENT_STD = 2.5  # the same: a pixel belongs to a part
+_MIN_STRENGTH_FRACTION = 0.1  # of a part's own: less is a reflection, or coding blocks
+_MIN_ENERGY_FRACTION = 0.1  # of a frame's strongest part: less is not the object
+_MIN_AREA_PX = 25
+_MAX_PARTS = 3  # of a frame, for one object
+_MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
+_CLOSING_PX = 3  # gaps where the plate has the object's own color
+_MARGIN_PX = 4  # where the edge fades below the noise
+_STRIP_ROWS = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
+_TRUNCATION_STD = 4.0  # standard deviations at which SciPy truncates a Gaussian
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +71,14 @@ class MatchedFilter:
             part = plate.crop(box)
             weight[rows] = projection_weights(image_in(box), part, projection_vectors(part, model))
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
-        scale = DetectionSettings.smoothing_px
+        scale = _SMOOTHING_PX
         std = gaussian_filter(weight, scale / np.sqrt(2))
         std /= 4 * np.pi * scale**2
         np.sqrt(std, out=std)
         std[std == 0] = np.inf  # far from known pixels
         white = cls(plate, model, weight, std)
         strengths = []
-        for _, box, inner in _strips(
-            plate.size, int(DetectionSettings.truncation_std * scale + 0.5)
-        ):
+        for _, box, inner in _strips(plate.size, int(_TRUNCATION_STD * scale + 0.5)):
             there = white.within(box)
             strength = there._strength(there._light(image_in(box)))
             strengths.append(np.abs(strength[inner][::4, ::4]))
@@ -109,7 +104,7 @@ class MatchedFilter:
         """(H, W) smoothed light in standard deviations."""
         from scipy.ndimage import gaussian_filter
 
-        smooth = gaussian_filter(self.weight * p, DetectionSettings.smoothing_px)
+        smooth = gaussian_filter(self.weight * p, _SMOOTHING_PX)
         return np.asarray(smooth / (self.inflation * self.std), np.float32)
 
     def parts(self, image: LinearImage) -> list[Streak]:
@@ -119,15 +114,14 @@ class MatchedFilter:
         """
         from scipy import ndimage
 
-        settings = DetectionSettings
         p = self._light(image)
         strength = self._strength(p)
-        there = opened(strength > settings.extent_std)
-        near = dilated(there, settings.closing_px)
+        there = opened(strength > _EXTENT_STD)
+        near = dilated(there, _CLOSING_PX)
         labels, _ = ndimage.label(near, np.ones((3, 3)))
         places = ndimage.find_objects(labels)
         parts: list[tuple[float, Place, Bools]] = []
-        for number in np.unique(labels[near & (strength > settings.detection_std)]):
+        for number in np.unique(labels[near & (strength > _DETECTION_STD)]):
             place = places[number - 1]
             inside = np.where((labels[place] == number) & there[place], strength[place], 0)
             mask = _strong(inside)
@@ -139,7 +133,7 @@ class MatchedFilter:
 
 def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, slice]]:
     """Strips of rows, boxes with a margin of rows around them, and the strips' rows in the boxes."""
-    (width, height), rows = size, DetectionSettings.strip_rows
+    (width, height), rows = size, _STRIP_ROWS
     for top in range(0, height, rows):
         end, first = min(top + rows, height), max(top - margin, 0)
         inner = slice(top - first, end - first)
@@ -148,12 +142,12 @@ def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, sl
 
 def max_parts(several: bool) -> int:
     """Number of parts of a frame that are measured."""
-    return DetectionSettings.max_parts_of_several if several else DetectionSettings.max_parts
+    return _MAX_PARTS_OF_SEVERAL if several else _MAX_PARTS
 
 
 def min_energy(strongest: float) -> float:
     """The energy of light below which a part is not the object, if this is the strongest one's."""
-    return max(DetectionSettings.min_energy_fraction * strongest, 0.0)
+    return max(_MIN_ENERGY_FRACTION * strongest, 0.0)
 
 
 def _strong(strength: Array) -> Bools | None:
@@ -163,18 +157,17 @@ def _strong(strength: Array) -> Bools | None:
     """
     from scipy.ndimage import binary_fill_holes
 
-    settings = DetectionSettings
     usual = float(np.quantile(strength[strength > 0], 0.9))
-    strong = strength > max(settings.extent_std, settings.min_strength_fraction * usual)
-    if np.count_nonzero(strong) < settings.min_area_px:
+    strong = strength > max(_EXTENT_STD, _MIN_STRENGTH_FRACTION * usual)
+    if np.count_nonzero(strong) < _MIN_AREA_PX:
         return None
-    filled = binary_fill_holes(dilated(np.pad(strong, _padding()), settings.closing_px))
-    return dilated(filled, settings.margin_px - settings.closing_px)
+    filled = binary_fill_holes(dilated(np.pad(strong, _padding()), _CLOSING_PX))
+    return dilated(filled, _MARGIN_PX - _CLOSING_PX)
 
 
 def _padding() -> int:
     """Pixels by which closing and margin enlarge a part on each side."""
-    return DetectionSettings.closing_px + DetectionSettings.margin_px
+    return _CLOSING_PX + _MARGIN_PX
 
 
 def _within(shape: tuple[int, ...], place: Place, mask: Bools) -> tuple[Place, Bools]:

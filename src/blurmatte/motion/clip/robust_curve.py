@@ -23,9 +23,11 @@ import numpy.typing as npt
 
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, parts_of_tracks
 from blurmatte.motion.clip.smoothing import (
+    ADDED_DECADES,
+    INTENSITY_DECADES,
+    MIN_STD_PX,
     Estimate,
     Measurements,
-    SmoothingSettings,
     added_std,
     excess_over_noise,
     in_large_parts,
@@ -102,8 +104,7 @@ class RobustCurve:
 
         At first from a smooth and from an uneven curve: errors explain what noise of the curve does.
         """
-        settings = SmoothingSettings
-        ranges = settings.intensity_decades, *(settings.added_decades for _ in self.added)
+        ranges = INTENSITY_DECADES, *(ADDED_DECADES for _ in self.added)
         if self.intensity:
             starts = [np.log10([self.intensity, *self.added])]
         else:
@@ -203,7 +204,7 @@ class RobustCurve:
     def factors_of(self, sighting: Sighting, variances: Sequence[float]) -> tuple[float, ...]:
         """By which errors of these variances of a detection become those here, for each kind."""
         added = self.added_to_moments if sighting.source == "moments" else self.added_to_discs
-        least = SmoothingSettings.min_std_px**2
+        least = MIN_STD_PX**2
         ratios = (a**2 / max(v, least) for a, v in zip(added, variances, strict=True))
         return tuple(float(np.sqrt(1 + ratio)) for ratio in ratios)
 

@@ -32,32 +32,28 @@ _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determ
 _MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
 
 
-@dataclass(frozen=True)
-class SmoothingSettings:
-    """How intensity and outliers are determined.
-
-    Parameters
-    ----------
-    intensity_decades : (float, float)
-        Range of the intensity of the noise, powers of ten, pixels² per interval to the power 2p − 1.
-    student_freedom : float
-        Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
-    added_decades : (float, float)
-        Range of the errors beyond the stated ones, powers of ten, pixels.
-    min_outlier_probability : float
-        That noise differs by as much in any of the measurements: less is a mistake.
-    min_frames : int
-        In which a mistake can be found: with fewer it cannot be distinguished from its neighbors.
-    min_std_px : float
-        No position, displacement or radius is known better.
-    """
-
-    intensity_decades: tuple[float, float] = (-8.0, 4.0)
-    student_freedom: float = 4.0
-    added_decades: tuple[float, float] = (-3.0, 2.0)
-    min_outlier_probability: float = 1e-3
-    min_frames: int = 5
-    min_std_px: float = 1e-3
+# How intensity and outliers are determined.
+#
+# Parameters
+# ----------
+# intensity_decades : (float, float)
+# Range of the intensity of the noise, powers of ten, pixels² per interval to the power 2p − 1.
+# student_freedom : float
+# Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
+# added_decades : (float, float)
+# Range of the errors beyond the stated ones, powers of ten, pixels.
+# min_outlier_probability : float
+# That noise differs by as much in any of the measurements: less is a mistake.
+# min_frames : int
+# In which a mistake can be found: with fewer it cannot be distinguished from its neighbors.
+# min_std_px : float
+# No position, displacement or radius is known better.
+INTENSITY_DECADES = (-8.0, 4.0)
+_STUDENT_FREEDOM = 4.0
+ADDED_DECADES = (-3.0, 2.0)
+MIN_OUTLIER_PROBABILITY = 1e-3
+MIN_FRAMES = 5
+MIN_STD_PX = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,19 +207,19 @@ def student_cost(chi2: Array, logs: Array, freedom: Array) -> float:
 
     chi2, logs, freedom (n,): χ², log determinant of its covariance, and degrees of freedom of each.
     """
-    nu = SmoothingSettings.student_freedom
+    nu = _STUDENT_FREEDOM
     return float(np.sum((nu + freedom) / 2 * np.log1p(chi2 / nu) + logs / 2))
 
 
 def student_weights(chi2: Array, freedom: Array) -> Array:
     """(n,) weights of measurements with residuals χ² of so many numbers each."""
-    nu = SmoothingSettings.student_freedom
+    nu = _STUDENT_FREEDOM
     return np.asarray(np.minimum((nu + freedom) / (nu + chi2), 1.0))
 
 
 def student_inflation(freedom: int) -> float:
     """Factor of the covariance of estimates from measurements of so many numbers each."""
-    nu = SmoothingSettings.student_freedom
+    nu = _STUDENT_FREEDOM
     return (nu + freedom + 2) / (nu + freedom)
 
 
@@ -247,7 +243,7 @@ def least_decades(
 
 def added_std(reduced_chi2: Callable[[float], float], largest: float) -> float:
     """The added error that makes a reduced χ² 1, up to a largest one; 0 if it is less without."""
-    low, high = SmoothingSettings.min_std_px, max(largest, SmoothingSettings.min_std_px)
+    low, high = MIN_STD_PX, max(largest, MIN_STD_PX)
     if not reduced_chi2(0.0) > 1:
         return 0.0
     for _ in range(10):  # to a hundredth
@@ -268,7 +264,7 @@ def excess_over_noise(chi2: Array, freedom: Array, which: Bools) -> Array:
     if not known.any():
         return np.zeros(len(chi2))
     scale = noise_scale(chi2[known], freedom[known])
-    limit = SmoothingSettings.min_outlier_probability / int(known.sum())
+    limit = MIN_OUTLIER_PROBABILITY / int(known.sum())
     return np.where(known, chi2 / scale / chdtri(np.maximum(freedom, 1.0), limit), 0)
 
 
@@ -282,4 +278,4 @@ def noise_scale(chi2: Array, freedom: Array) -> float:
 def in_large_parts(used: Bools, part: npt.NDArray[np.int_]) -> Bools:
     """(n,) where a part has enough measurements in use to find a mistake."""
     counts = np.bincount(part, weights=used, minlength=1) if len(part) else np.zeros(1)
-    return np.asarray(counts[part] >= SmoothingSettings.min_frames)
+    return np.asarray(counts[part] >= MIN_FRAMES)

@@ -19,17 +19,14 @@ Array = npt.NDArray[np.float64]
 _H = np.eye(2, 4)
 
 
-@dataclass(frozen=True)
-class TrackSettings:
-    """Prediction of tracks, and assignment of detections to them."""
-
-    gate_chi2: float = 13.8  # two degrees of freedom: noise exceeds it in 0.1 % of frames
-    max_lost_frames: int = 5  # after which a track ends
-    velocity_change: float = 0.5  # of the speed, from frame to frame: an arc, a bounce
-    position_std_px: float = 2.0  # of the model, added to that of a detection
-    log_radius_std: float = 0.2  # from frame to frame: perspective and shading
-    occluder_area: float = 0.5  # of an occluded object's area, added to the streak in front of it
-    min_direction_std: float = 3.0  # standard deviations of a displacement with a known sign
+# Prediction of tracks, and assignment of detections to them.
+_GATE_CHI2 = 13.8  # two degrees of freedom: noise exceeds it in 0.1 % of frames
+_MAX_LOST_FRAMES = 5  # after which a track ends
+_VELOCITY_CHANGE = 0.5  # of the speed, from frame to frame: an arc, a bounce
+_POSITION_STD_PX = 2.0  # of the model, added to that of a detection
+_LOG_RADIUS_STD = 0.2  # from frame to frame: perspective and shading
+_OCCLUDER_AREA = 0.5  # of an occluded object's area, added to the streak in front of it
+_MIN_DIRECTION_STD = 3.0  # standard deviations of a displacement with a known sign
 
 
 @dataclass
@@ -71,7 +68,7 @@ class Track:
         F = np.eye(4) + step * np.eye(4, k=2)
         G = np.vstack([step**2 * np.eye(2) / 2, step * np.eye(2)])
         speed = float(np.linalg.norm(self.state[2:]))
-        a = self.blur + TrackSettings.velocity_change * speed
+        a = self.blur + _VELOCITY_CHANGE * speed
         self.state = F @ self.state
         self.covariance = F @ self.covariance @ F.T + a**2 * G @ G.T
 
@@ -84,7 +81,7 @@ class Track:
         """−2 ln of the likelihood of a detection, position and radius, up to a constant."""
         S = self._innovation_covariance(sighting)
         growth = np.log(max(sighting.radius, 1e-6) / max(self.radius, 1e-6))
-        growth /= TrackSettings.log_radius_std
+        growth /= _LOG_RADIUS_STD
         return self.cost(sighting) + float(np.log(np.linalg.det(S)) + growth**2)
 
     def take(self, index: int, sighting: Sighting) -> None:
@@ -103,7 +100,7 @@ class Track:
 
 def _position_covariance(sighting: Sighting) -> Array:
     """R, (2, 2)."""
-    return np.asarray(sighting.covariance + TrackSettings.position_std_px**2 * np.eye(2))
+    return np.asarray(sighting.covariance + _POSITION_STD_PX**2 * np.eye(2))
 
 
 def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[Track]:
@@ -121,9 +118,7 @@ def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[T
     tracks: list[Track] = []
     steps = np.diff(in_intervals(frames), prepend=0.0).tolist()
     for index, (frame, step) in enumerate(zip(frames, steps, strict=True)):
-        alive = [
-            track for track in tracks if index - max(track.seen) <= TrackSettings.max_lost_frames
-        ]
+        alive = [track for track in tracks if index - max(track.seen) <= _MAX_LOST_FRAMES]
         for track in alive:
             track.predict(step)
         pairs = _pairs(alive, frame.found, similar)
@@ -142,7 +137,7 @@ def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], similar: bool) ->
 
     shape = len(tracks), len(found)
     costs = np.array([[track.cost(s) for s in found] for track in tracks]).reshape(shape)
-    gate = TrackSettings.gate_chi2
+    gate = _GATE_CHI2
     price = np.minimum(costs, 2 * gate)
     if similar:
         likely = np.array([[track.unlikelihood(s) for s in found] for track in tracks])
@@ -156,7 +151,7 @@ def _occludes(track: Track, sighting: Sighting, lost: Sequence[Track]) -> bool:
     for other in lost:
         reach = (sighting.length + other.last.length) / 2 + sighting.radius + other.radius
         near = np.linalg.norm(sighting.place - other.state[:2]) < reach
-        added = TrackSettings.occluder_area * other.radius**2
+        added = _OCCLUDER_AREA * other.radius**2
         if near and sighting.radius**2 > track.radius**2 + added:
             return True
     return False
@@ -185,7 +180,7 @@ def in_time(index: int, track: Track) -> tuple[Sighting, bool]:
     moved = float(along @ (b.place - a.place))
     std = float(np.sqrt(along @ (a.covariance + b.covariance) @ along))
     # A displacement mostly across the streak does not determine the direction along it.
-    least = max(TrackSettings.min_direction_std * std, float(np.linalg.norm(b.place - a.place)) / 2)
+    least = max(_MIN_DIRECTION_STD * std, float(np.linalg.norm(b.place - a.place)) / 2)
     if not (abs(moved) > least and sighting.moved):
         return sighting, False
     return (sighting if moved > 0 else sighting.reversed), True

@@ -8,7 +8,7 @@ These sums are linear in alpha, or ratios of such sums. An error δα of a pixel
 (x − mean) δα / Σα, and the covariance by ((x − mean)(x − mean)ᵀ − covariance) δα / Σα.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -29,16 +29,13 @@ _N = len(QUANTITIES)
 _OTHER = "The streak may be of something else, or of several objects: the fit {}."
 
 
-@dataclass(frozen=True)
-class MomentSettings:
-    """When alpha counts as present, and when a motion from moments gets a doubt."""
-
-    min_sum_std: float = 3.0  # standard deviations: a smaller sum of alpha may be noise
-    max_width: float = 1.5  # diameters of the disc of its area: a straight path is not wider
-    max_unknown_fraction: float = 0.02  # of the streak's pixels
-    part_smoothing_px: float = 2.0  # standard deviation of the Gaussian before parts are labeled
-    min_part_alpha: float = 0.15  # of the largest smoothed alpha
-    min_part_fraction: float = 0.05  # of the sum of alpha: a smaller part is noise
+# When alpha counts as present, and when a motion from moments gets a doubt.
+_MIN_SUM_STD = 3.0  # standard deviations: a smaller sum of alpha may be noise
+_MAX_WIDTH = 1.5  # diameters of the disc of its area: a straight path is not wider
+_MAX_UNKNOWN_FRACTION = 0.02  # of the streak's pixels
+_PART_SMOOTHING_PX = 2.0  # standard deviation of the Gaussian before parts are labeled
+_MIN_PART_ALPHA = 0.15  # of the largest smoothed alpha
+_MIN_PART_FRACTION = 0.05  # of the sum of alpha: a smaller part is noise
 
 
 def measure_motion(solution: Solution) -> Motion:
@@ -208,7 +205,7 @@ def _moments(solution: Solution, use: Bools) -> tuple[Array, Array]:
     variance = variance_inflation(solution) * np.asarray(solution.alpha_std[use], float) ** 2
     total, scale = float(alpha.sum()), solution.stats.get("alpha_scale_std", 0.0)
     std = float(np.hypot(np.sqrt(variance.sum()), total * scale))
-    if not total > MomentSettings.min_sum_std * std:
+    if not total > _MIN_SUM_STD * std:
         raise MotionError(
             f"alpha sums to {total:.1f} ± {std:.1f} pixels, which is not above its error: no motion "
             "can be measured; choose the object with a region, or give its color, and solve again"
@@ -242,7 +239,7 @@ def _touches_border(solution: Solution, use: Bools) -> bool:
     there = use & border
     alpha, std = (np.asarray(m[there], float) for m in (solution.alpha, solution.alpha_std))
     error = np.sqrt(variance_inflation(solution) * np.sum(std**2))
-    return bool(alpha.sum() > MomentSettings.min_sum_std * error)
+    return bool(alpha.sum() > _MIN_SUM_STD * error)
 
 
 def _doubts_of_moments(solution: Solution, use: Bools, motion: Motion) -> list[str]:
@@ -253,14 +250,14 @@ def _doubts_of_moments(solution: Solution, use: Bools, motion: Motion) -> list[s
             f"Alpha has {parts} separate parts, and the moments are those of all of them; solve each "
             "with a region of its own."
         )
-    if motion.width > MomentSettings.max_width * 2 * motion.radius:
+    if motion.width > _MAX_WIDTH * 2 * motion.radius:
         doubts.append(
             f"It is {motion.width:.0f} px wide, and a disc of its area {2 * motion.radius:.0f} px: the "
             "path bends, or it is not round, or there are several objects; length and direction are "
             "then not those of a straight path."
         )
     unknown = float(np.mean(~solution.known[solution.streak]))
-    if unknown > MomentSettings.max_unknown_fraction:
+    if unknown > _MAX_UNKNOWN_FRACTION:
         doubts.append(f"In {unknown:.0%} of the streak alpha is unknown and not in the moments.")
     return doubts
 
@@ -270,7 +267,7 @@ def _part_count(solution: Solution, use: Bools) -> int:
     from scipy.ndimage import gaussian_filter, label
 
     alpha = np.where(use, np.asarray(solution.alpha, float), 0)
-    near = gaussian_filter(alpha, MomentSettings.part_smoothing_px)
-    labels, count = label(near > MomentSettings.min_part_alpha * near.max())
+    near = gaussian_filter(alpha, _PART_SMOOTHING_PX)
+    labels, count = label(near > _MIN_PART_ALPHA * near.max())
     sums = np.bincount(labels.ravel(), alpha.ravel(), count + 1)[1:]
-    return int(np.count_nonzero(sums > MomentSettings.min_part_fraction * alpha.sum()))
+    return int(np.count_nonzero(sums > _MIN_PART_FRACTION * alpha.sum()))

@@ -23,14 +23,10 @@ from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.measure import variance_inflation
 from blurmatte.motion.picture.motion import Motion
 
-
-@dataclass(frozen=True)
-class DerivativeSettings:
-    """Width of the Gaussian over which the derivative of alpha is taken."""
-
-    scales_px: tuple[float, ...] = (1.0, 1.5, 2.2, 3.3, 5.0)  # tried in this order
-    max_std: float = 0.15  # median error of the change that separates 0 from 1 in most pixels
-    max_scale: float = 0.35  # radii: a wider Gaussian blurs the silhouette itself
+# Width of the Gaussian over which the derivative of alpha is taken.
+_SCALES_PX = (1.0, 1.5, 2.2, 3.3, 5.0)  # tried in this order
+_MAX_STD = 0.15  # median error of the change that separates 0 from 1 in most pixels
+_MAX_SCALE = 0.35  # radii: a wider Gaussian blurs the silhouette itself
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,11 +93,11 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
     alpha = np.where(use, np.asarray(solution.alpha, float), 0)
     variance = np.where(use, np.asarray(solution.alpha_std, float) ** 2, 0)
     shift = motion.length * np.array([np.cos(motion.angle), np.sin(motion.angle)])
-    scales = DerivativeSettings.scales_px
-    max_scale = max(DerivativeSettings.max_scale * motion.radius, scales[0])
+    scales = _SCALES_PX
+    max_scale = max(_MAX_SCALE * motion.radius, scales[0])
     for scale in [s for s in scales if s <= max_scale]:
         std = motion.length * _slope_std(variance, variance_inflation(solution), scale)
-        if np.median(std[use]) <= DerivativeSettings.max_std:
+        if np.median(std[use]) <= _MAX_STD:
             break
     unknown = solution.streak & ~solution.known
     return EndSilhouettes(

@@ -5,7 +5,7 @@ moving ball this way [Single-image 3D reconstruction of ball velocity and spin f
 2008].
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,16 +32,12 @@ from blurmatte.sweep.model.state import State, state_at
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 
-
-@dataclass(frozen=True)
-class BallSettings:
-    """The fit of a ball, which starts at a sweep."""
-
-    margin: float = 0.5  # radii around the sweep, by which it may be wrong
-    max_radius_px: float = 40.0  # on finer pixels the fit gains no information
-    radius_bounds: tuple[float, float] = (0.5, 2.0)  # of the sweep's radius
-    max_rounds: int = 3  # of the usual number of steps: the start may be far off
-    min_gain: float = 2.0  # expected log likelihood for each parameter of the acceleration
+# The fit of a ball, which starts at a sweep.
+_MARGIN = 0.5  # radii around the sweep, by which it may be wrong
+_MAX_RADIUS_PX = 40.0  # on finer pixels the fit gains no information
+_RADIUS_BOUNDS = (0.5, 2.0)  # of the sweep's radius
+_MAX_ROUNDS = 3  # of the usual number of steps: the start may be far off
+_MIN_GAIN = 2.0  # expected log likelihood for each parameter of the acceleration
 
 
 def measure_ball(
@@ -176,8 +172,8 @@ def _best_fit(
 
 def _fitted(state: State, sweep: Sweep) -> State:
     """The minimum near a start."""
-    low, high = BallSettings.radius_bounds
-    for _ in range(BallSettings.max_rounds):
+    low, high = _RADIUS_BOUNDS
+    for _ in range(_MAX_ROUNDS):
         state = minimize(state, (low * sweep.radius, high * sweep.radius))
         if state.converged:
             break
@@ -193,10 +189,10 @@ def _observation(
     seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
     streak = Streak(seen)
     color = ColorPrior(np.eye(3), varied=sweep.model.rank)
-    margin = int(BallSettings.margin * sweep.radius) + 4
+    margin = int(_MARGIN * sweep.radius) + 4
     data = observation_around(streak, margin, image, plate, color)
     data = replace(data, grain=sweep.radius / NODES_PER_RADIUS)
-    data = data.coarse_enough(sweep.radius, BallSettings.max_radius_px)
+    data = data.coarse_enough(sweep.radius, _MAX_RADIUS_PX)
     ball = PerspectiveBall.in_observation(intrinsics, data)
     known = np.isfinite(ball.slopes.sum(axis=(-1, -2)))
     if not np.all(known[data.streak]):
@@ -228,4 +224,4 @@ def _accelerates(ball: PerspectiveBall, line: State) -> bool:
     bent = state_at(line.observation, PARABOLA, path, ball, shape)
     H, g = bent.information()
     gain = float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
-    return gain / variance_inflation(line) > BallSettings.min_gain * (bent.size - line.size)
+    return gain / variance_inflation(line) > _MIN_GAIN * (bent.size - line.size)

@@ -23,20 +23,16 @@ from blurmatte.motion.space.rotation_start import starts
 from blurmatte.statistics import variance_inflation
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 
-
-@dataclass(frozen=True)
-class RotationSettings:
-    """When a fitted rotation is accepted."""
-
-    min_alpha_fraction: float = 0.5  # of alpha, in the ring
-    min_angle_std: float = 5.0  # standard deviations of an angle that is known
-    max_rounds: int = 3  # fits, each in the ring around the center of the last
-    center_tolerance_px: float = 0.5
-    pixels_per_trial: int = 3000  # with which starts are compared
-    unambiguous_turn: float = 0.85  # angles between blades: beyond, paths of blades may overlap
-    ambiguous_chi2: float = 14.0  # difference of two angles that both explain alpha, at 0.1 %
-    max_misfit: float = 12.0  # mean squared residual over blocks, of a rigid object
-    max_overlap_misfit: float = 2.5  # the same if paths overlap: other angles fit nearly as well
+# When a fitted rotation is accepted.
+_MIN_ALPHA_FRACTION = 0.5  # of alpha, in the ring
+_MIN_ANGLE_STD = 5.0  # standard deviations of an angle that is known
+_MAX_ROUNDS = 3  # fits, each in the ring around the center of the last
+_CENTER_TOLERANCE_PX = 0.5
+_PIXELS_PER_TRIAL = 3000  # with which starts are compared
+_UNAMBIGUOUS_TURN = 0.85  # angles between blades: beyond, paths of blades may overlap
+_AMBIGUOUS_CHI2 = 14.0  # difference of two angles that both explain alpha, at 0.1 %
+_MAX_MISFIT = 12.0  # mean squared residual over blocks, of a rigid object
+_MAX_OVERLAP_MISFIT = 2.5  # the same if paths overlap: other angles fit nearly as well
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +146,7 @@ def measure_rotation(
         found = _of_solution(thing, known)
     else:
         raise TypeError(f"thing must be a Solution or a Sweep, got {type(thing).__name__}")
-    if not found.angle > RotationSettings.min_angle_std * found.angle_std:
+    if not found.angle > _MIN_ANGLE_STD * found.angle_std:
         raise MotionError(
             f"the angle, {np.degrees(found.angle):.2g}° ± {np.degrees(found.angle_std):.2g}°, is not "
             "known: alpha hardly varies along circles, as after full turns or a very small turn"
@@ -177,7 +173,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     alpha = np.where(use, solution.alpha, 0).astype(float)
     std = np.where(use, solution.alpha_std, 1).astype(float)
     trials, error = [], None
-    few, unambiguous = RotationSettings.pixels_per_trial, RotationSettings.unambiguous_turn
+    few, unambiguous = _PIXELS_PER_TRIAL, _UNAMBIGUOUS_TURN
     for c, omega, spacings in starts(alpha, std, use & solution.streak, center):
         try:
             trials.append(_fitted(alpha, std, use, c, omega, center, few, spacings))
@@ -193,7 +189,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     rough = trials[0][1]
     misfit, rotation = _fitted(alpha, std, use, rough.center, rough.angle, center, alpha.size)
     overlaps = rotation.angle * rotation.blades > unambiguous * 2 * np.pi
-    limit = RotationSettings.max_overlap_misfit if overlaps else RotationSettings.max_misfit
+    limit = _MAX_OVERLAP_MISFIT if overlaps else _MAX_MISFIT
     if misfit > limit:
         if error is not None and str(error) == NO_VARIATION:
             raise error
@@ -202,7 +198,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
             "the noise; choose a region that contains only this object, or give its center"
         )
     for other in trials[1:]:
-        if few * (other[0] / trials[0][0] - 1) < RotationSettings.ambiguous_chi2:
+        if few * (other[0] / trials[0][0] - 1) < _AMBIGUOUS_CHI2:
             _check_same(rotation, other[1])
     return rotation
 
@@ -210,7 +206,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
 def _check_same(rotation: Rotation, other: Rotation) -> None:
     """Raise MotionError if two equally good fits have different angles."""
     std = float(np.hypot(rotation.angle_std, other.angle_std))
-    if abs(rotation.angle - other.angle) < RotationSettings.min_angle_std * std:
+    if abs(rotation.angle - other.angle) < _MIN_ANGLE_STD * std:
         return
     angles = sorted(np.degrees([rotation.angle, other.angle]))
     raise MotionError(
@@ -234,7 +230,7 @@ def _fitted(
     Uses at most `max_pixels` pixels, evenly spread. With `spacings`, the angle starts at that many
     angles between blades.
     """
-    for _ in range(RotationSettings.max_rounds):  # another center has other circles
+    for _ in range(_MAX_ROUNDS):  # another center has other circles
         ring, mask = ring_around(alpha, use, c)
         every = -(-np.count_nonzero(mask) // max_pixels)
         y, x = np.nonzero(mask)
@@ -250,9 +246,9 @@ def _fitted(
         p, H, e = model.fit(pixels, c, omega)
         moved = float(np.hypot(*(p[:2] - c)))
         c, omega = p[:2], float(p[2])
-        if moved < RotationSettings.center_tolerance_px:
+        if moved < _CENTER_TOLERANCE_PX:
             break
-    if alpha[mask].sum() < RotationSettings.min_alpha_fraction * alpha[use].sum():
+    if alpha[mask].sum() < _MIN_ALPHA_FRACTION * alpha[use].sum():
         raise MotionError(
             "most of the moved object lies outside the ring in which all of it is visible: it does not "
             "turn about one point alone; choose a region that contains only this object, or give its "

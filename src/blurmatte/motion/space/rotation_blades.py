@@ -17,16 +17,13 @@ from blurmatte.motion.space.rotation_ring import GRID, Pixels
 _POWERS = (-3.0, -1.0, 0.0, 1.0, 2.0)
 
 
-@dataclass(frozen=True)
-class BladeFitSettings:
-    """The Levenberg–Marquardt descent of a fit of blades."""
-
-    max_steps: int = 60
-    min_gain: float = 1e-2  # log likelihood: the fit has converged
-    max_turn_step: float = 0.5  # of ω, for ω and the edges: the range of the linearization
-    max_center_step_px: float = 5.0
-    huber_residual: float = 3.0  # standard deviations: larger residuals have the linear loss
-    min_curvature: float = 1e-12  # of the largest
+# The Levenberg–Marquardt descent of a fit of blades.
+_MAX_STEPS = 60
+_MIN_GAIN = 1e-2  # log likelihood: the fit has converged
+_MAX_TURN_STEP = 0.5  # of ω, for ω and the edges: the range of the linearization
+_MAX_CENTER_STEP_PX = 5.0
+_HUBER_RESIDUAL = 3.0  # standard deviations: larger residuals have the linear loss
+_MIN_CURVATURE = 1e-12  # of the largest
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +52,10 @@ class Blades:
         """Parameters, residuals and their derivatives at the minimum of Huber's loss."""
         damping = 1e-3
         e, J = self._residuals(p, pixels)
-        for _ in range(BladeFitSettings.max_steps):
-            weight = 1 / np.maximum(np.abs(e) / BladeFitSettings.huber_residual, 1)
+        for _ in range(_MAX_STEPS):
+            weight = 1 / np.maximum(np.abs(e) / _HUBER_RESIDUAL, 1)
             H, g = (J * weight[:, None]).T @ J, J.T @ (weight * e)
-            least = BladeFitSettings.min_curvature * np.diag(H).max()
+            least = _MIN_CURVATURE * np.diag(H).max()
             damped = H + damping * np.diag(np.diag(H)) + least * np.eye(len(p))
             step = np.linalg.solve(damped, g)
             tried = p - step / max(self._step_excess(p, step), 1)
@@ -68,15 +65,15 @@ class Blades:
                 damping *= 5
                 continue
             p, e, J, damping = tried, e_tried, J_tried, max(damping / 5, 1e-8)
-            if gain < BladeFitSettings.min_gain:
+            if gain < _MIN_GAIN:
                 break
         return p, e, J
 
     def _step_excess(self, p: Array, step: Array) -> float:
         """Size of a step over the largest that is allowed."""
         free = 2 if self.center is None else 0
-        largest = BladeFitSettings.max_turn_step * p[free]
-        center = np.abs(step[:free]).max(initial=0) / BladeFitSettings.max_center_step_px
+        largest = _MAX_TURN_STEP * p[free]
+        center = np.abs(step[:free]).max(initial=0) / _MAX_CENTER_STEP_PX
         edges = np.abs(step[free + 1 :]).max(initial=0) / largest
         return float(max(abs(step[free]) / largest, center, edges))
 
@@ -123,7 +120,7 @@ class Blades:
 
 def _huber(e: Array) -> float:
     """Huber's loss of residuals, in standard deviations."""
-    beyond = np.maximum(np.abs(e) - BladeFitSettings.huber_residual, 0)
+    beyond = np.maximum(np.abs(e) - _HUBER_RESIDUAL, 0)
     return float(np.sum(e**2 - beyond**2)) / 2
 
 

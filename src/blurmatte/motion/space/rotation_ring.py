@@ -16,17 +16,14 @@ NO_VARIATION = (
 )
 
 
-@dataclass(frozen=True)
-class RingSettings:
-    """Where the whole object is visible, and when alpha varies around the center."""
-
-    min_radius_px: float = 4.0  # smaller circles have too few pixels to resolve angles
-    min_width: float = 0.4  # of the median sum of alpha along a circle: the object is still there
-    end_margin_px: float = 2.5  # left out at both ends of the object
-    max_blades: int = 12
-    min_variation_std: float = 16.0  # standard deviations of alpha around the center
-    min_variation: float = 0.1  # of the largest alpha around the center
-    max_smoothing: float = 32.0  # of `GRID` angles: a wider Gaussian would hide blades
+# Where the whole object is visible, and when alpha varies around the center.
+_MIN_RADIUS_PX = 4.0  # smaller circles have too few pixels to resolve angles
+_MIN_WIDTH = 0.4  # of the median sum of alpha along a circle: the object is still there
+_END_MARGIN_PX = 2.5  # left out at both ends of the object
+_MAX_BLADES = 12
+_MIN_VARIATION_STD = 16.0  # standard deviations of alpha around the center
+_MIN_VARIATION = 0.1  # of the largest alpha around the center
+_MAX_SMOOTHING = 32.0  # of `GRID` angles: a wider Gaussian would hide blades
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,13 +46,13 @@ def ring_around(alpha: Array, use: Bools, c: Array) -> tuple[tuple[float, float]
     y, x = np.mgrid[: alpha.shape[0], : alpha.shape[1]]
     rho = np.hypot(x - c[0], y - c[1])
     widths = np.bincount(np.rint(rho).astype(int).ravel(), weights=alpha.ravel())
-    least = RingSettings.min_width
+    least = _MIN_WIDTH
     present = widths > least * np.median(widths[widths > least * widths.max()])
-    present[: int(RingSettings.min_radius_px)] = False
+    present[: int(_MIN_RADIUS_PX)] = False
     first, last = _longest(present)
-    low, high = first + RingSettings.end_margin_px, last - RingSettings.end_margin_px
+    low, high = first + _END_MARGIN_PX, last - _END_MARGIN_PX
     mask = use & (rho >= low) & (rho <= high)
-    if high - low < 2 * RingSettings.end_margin_px or not mask.any():
+    if high - low < 2 * _END_MARGIN_PX or not mask.any():
         raise MotionError(
             "no circle around the center of rotation shows the whole object: it is too small, or does "
             "not turn about one point; give its center"
@@ -81,7 +78,7 @@ def blades_of(pixels: Pixels, c: Array, ring: tuple[float, float]) -> list[tuple
     turned = int(np.flatnonzero(~inside)[0])
     inside, profile = np.roll(inside, -turned), np.roll(profile, -turned)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]]))).reshape(-1, 2)
-    if len(edges) > RingSettings.max_blades:
+    if len(edges) > _MAX_BLADES:
         raise MotionError(f"{len(edges)} blades on a circle cannot be distinguished from noise")
     found, step = [], 2 * np.pi / GRID
     for k, (a, b) in enumerate(edges):
@@ -111,15 +108,15 @@ def _profile(pixels: Pixels, c: Array, ring: tuple[float, float]) -> Array:
         for w in (weight * relative, weight, (weight * pixels.std) ** 2)
     ]
     smooth = max(1.5 * GRID / (2 * np.pi * ring[1]), 2)  # 1.5 pixels at the outer radius
-    while smooth < RingSettings.max_smoothing:
+    while smooth < _MAX_SMOOTHING:
         above, below = (gaussian_filter1d(s, smooth, mode="wrap") for s in sums[:2])
         profile = np.asarray(mean + above / np.maximum(below, 1e-12))
         # The sum of squared Gaussian weights is 1 / (2 √π s).
         variance = sums[2].mean() / (2 * np.sqrt(np.pi) * smooth)
         error = float(np.sqrt(variance)) / max(float(below.mean()), 1e-12)
         least = max(
-            RingSettings.min_variation * float(profile.max()),
-            RingSettings.min_variation_std * error,
+            _MIN_VARIATION * float(profile.max()),
+            _MIN_VARIATION_STD * error,
         )
         if float(np.ptp(profile)) > least:
             return profile

@@ -9,23 +9,18 @@ which is linear in c and in 1/ω.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
 
-
-@dataclass(frozen=True)
-class StartSettings:
-    """The random sample consensus that solves (1)."""
-
-    smoothing_px: float = 2.0  # standard deviation of the Gaussian for gradients
-    samples: int = 400  # of three pixels each
-    tolerance: float = 0.25  # of 1/ω, for (1) in a pixel that agrees
-    min_gradient_std: float = 4.0  # standard deviations of the gradient of a pixel on a ramp
-    spacings: tuple[float, ...] = (0.85, 1.15, 1.7, 2.2)  # angles between blades: paths overlap
+# The random sample consensus that solves (1).
+_SMOOTHING_PX = 2.0  # standard deviation of the Gaussian for gradients
+_SAMPLES = 400  # of three pixels each
+_TOLERANCE = 0.25  # of 1/ω, for (1) in a pixel that agrees
+_MIN_GRADIENT_STD = 4.0  # standard deviations of the gradient of a pixel on a ramp
+_SPACINGS = (0.85, 1.15, 1.7, 2.2)  # angles between blades: paths overlap
 
 
 def starts(
@@ -44,7 +39,7 @@ def starts(
     else:
         middle = center
     yield c, min(1 / slope, 2 * np.pi), None
-    for spacings in StartSettings.spacings:
+    for spacings in _SPACINGS:
         yield middle, 0.0, spacings
 
 
@@ -52,11 +47,11 @@ def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[
     """The center and 1/ω for which (1) holds in the most pixels."""
     from scipy.ndimage import gaussian_filter
 
-    scale = StartSettings.smoothing_px
+    scale = _SMOOTHING_PX
     gy, gx = (gaussian_filter(alpha, scale, order=o) for o in ((1, 0), (0, 1)))
     # Independent noise σ gives the derivative of a Gaussian the error σ / (√(8π) s²).
     noise = float(np.median(std[use])) / (np.sqrt(8 * np.pi) * scale**2) if use.any() else 1.0
-    steep = use & (np.hypot(gx, gy) > StartSettings.min_gradient_std * noise)
+    steep = use & (np.hypot(gx, gy) > _MIN_GRADIENT_STD * noise)
     y, x = np.nonzero(steep)
     if len(x) < 3:
         raise MotionError("alpha hardly varies: no rotation, or full turns; use a shorter exposure")
@@ -66,13 +61,13 @@ def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[
     best, score = (np.zeros(2), 0.0), -1.0
     for c, slope in _candidates(A, b, center):
         d = np.abs(b - A @ c)
-        agree = np.abs(d / slope - 1) < StartSettings.tolerance
+        agree = np.abs(d / slope - 1) < _TOLERANCE
         if agree.sum() > score:
             best, score = (c, slope), float(agree.sum())
     c, slope = best
     for _ in range(10):
         d = b - A @ c
-        ramp = np.abs(np.abs(d) / slope - 1) < StartSettings.tolerance
+        ramp = np.abs(np.abs(d) / slope - 1) < _TOLERANCE
         if ramp.sum() < 3:
             break
         signs = np.sign(d[ramp])
@@ -90,7 +85,7 @@ def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[
 def _candidates(A: Array, b: Array, center: Array | None) -> Iterator[tuple[Array, float]]:
     """Centers and 1/ω > 0 from three pixels each, or from one if the center is known; seeded."""
     rng = np.random.default_rng(0)
-    for _ in range(StartSettings.samples):
+    for _ in range(_SAMPLES):
         if center is not None:
             i = int(rng.integers(len(b)))
             slope = abs(float(b[i] - A[i] @ center))

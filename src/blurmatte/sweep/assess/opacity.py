@@ -29,29 +29,25 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools
 from blurmatte.streaks import dilated
-from blurmatte.sweep.fit.feasibility import PhysicalLimits
+from blurmatte.sweep.fit.feasibility import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
-
-@dataclass(frozen=True)
-class OpacitySettings:
-    """Blocks, and the priors of noise and sampling."""
-
-    blocks_per_radius: float = 2.0
-    min_block_px: int = 4
-    max_block_px: int = 8  # larger blocks are few, and the object's light changes within them
-    min_filled: float = 0.4  # of a block: a plane has three of its pixels
-    min_blocks: int = 3  # of which the scatter is an error
-    max_odd_ratio: float = 4.0  # residual of a block around the object, of the median
-    noise_scale_std: float = 0.5  # of λ about 1, before it is measured
-    mismatch_std: float = 0.05  # of 1/ρ about 1, before it is measured
-    # Of λ and 1/ρ in compressed pictures: files drop weak texture, so that inside is not as around
-    compressed_std: float = 0.2
-    # Of the path of an object that counts as at rest, of its radius: a flash is short, and objects that
-    # move on are there all the time
-    max_length: float = 0.5
+# Blocks, and the priors of noise and sampling.
+_BLOCKS_PER_RADIUS = 2.0
+_MIN_BLOCK_PX = 4
+_MAX_BLOCK_PX = 8  # larger blocks are few, and the object's light changes within them
+_MIN_FILLED = 0.4  # of a block: a plane has three of its pixels
+_MIN_BLOCKS = 3  # of which the scatter is an error
+_MAX_ODD_RATIO = 4.0  # residual of a block around the object, of the median
+_NOISE_SCALE_STD = 0.5  # of λ about 1, before it is measured
+_MISMATCH_STD = 0.05  # of 1/ρ about 1, before it is measured
+# Of λ and 1/ρ in compressed pictures: files drop weak texture, so that inside is not as around
+_COMPRESSED_STD = 0.2
+# Of the path of an object that counts as at rest, of its radius: a flash is short, and objects that
+# move on are there all the time
+_MAX_LENGTH = 0.5
 
 
 @dataclass(frozen=True)
@@ -114,7 +110,7 @@ def is_at_rest(state: State) -> bool:
     """Whether its path is too short to show how long it was there."""
     steps = np.linalg.norm(np.diff(state.curve, axis=0), axis=1)
     radius = state.silhouette.radius(state.shape)
-    return bool(steps.sum() < OpacitySettings.max_length * radius)
+    return bool(steps.sum() < _MAX_LENGTH * radius)
 
 
 def fit_opacity(state: State) -> Opacity:
@@ -125,13 +121,12 @@ def fit_opacity(state: State) -> Opacity:
     around = (observation.weight == observation.weight.max()) & observation.valid
     around &= ~dilated((state.swept.alpha > 0) | observation.streak, BlockStatistics.margin_px)
     radius = state.silhouette.radius(state.shape) / observation.scale
-    settings = OpacitySettings
-    smallest, largest = settings.min_block_px, settings.max_block_px
-    size = int(np.clip(radius / settings.blocks_per_radius, smallest, largest))
+    smallest, largest = _MIN_BLOCK_PX, _MAX_BLOCK_PX
+    size = int(np.clip(radius / _BLOCKS_PER_RADIUS, smallest, largest))
     scores = [_of_texture(observation, inside, around, size)]
     if observation.color.rank < 3 and inside.any():
         scores.append(_across(observation, inside, size))
-    known = [one for one in scores if len(one.a) >= settings.min_blocks]
+    known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
     return _posterior(known, observation, inside)
 
 
@@ -141,7 +136,7 @@ def _of_texture(observation: Observation, inside: Bools, around: Bools, size: in
     behind = _moments(observation, around, size, axes, 1.0)
     (scale, mismatch), covariance = _measured_around(behind)
     if observation.compression is not None:
-        covariance += np.eye(2) * OpacitySettings.compressed_std**2
+        covariance += np.eye(2) * _COMPRESSED_STD**2
     slope = 0.5
     for _ in range(2):  # weights depend on the slope
         own = _moments(observation, inside, size, axes, slope)
@@ -163,12 +158,11 @@ def _measured_around(behind: _Moments) -> tuple[Array, Array]:
     Weighted by the power of each block; the priors keep them near 1 and 0.
     """
     prior = np.array([1.0, 0.0])
-    settings = OpacitySettings
-    std = np.array([settings.noise_scale_std, settings.mismatch_std])
-    if len(behind.xy) < settings.min_blocks:
+    std = np.array([_NOISE_SCALE_STD, _MISMATCH_STD])
+    if len(behind.xy) < _MIN_BLOCKS:
         return prior, np.diag(std**2)
     odd = np.abs(behind.xx - 2 * behind.xy + behind.yy)
-    usual = odd <= settings.max_odd_ratio * np.median(odd)
+    usual = odd <= _MAX_ODD_RATIO * np.median(odd)
     weight = usual / np.maximum(behind.xx + behind.noise, 1e-12)
     A = weight[:, None] * np.stack([behind.noise, behind.xy], axis=1)
     b = weight * (behind.xx - behind.xy) - A @ prior
@@ -212,7 +206,7 @@ def _moments(
     _, block, count = np.unique(
         rows // size * use.shape[1] + columns // size, return_inverse=True, return_counts=True
     )
-    full = (count >= OpacitySettings.min_filled * size**2)[block]
+    full = (count >= _MIN_FILLED * size**2)[block]
     rows, columns, block = rows[full], columns[full], np.unique(block[full], return_inverse=True)[1]
     C, B, V_C, V_B = (light[rows, columns][:, axes] for light in observation.light)
     free = np.ones(len(block))
@@ -276,5 +270,5 @@ def _possible(f: Array, observation: Observation, inside: Bools) -> Bools:
     C, B = (light[inside].mean(axis=0) for light in (observation.C, observation.B))
     light = (C - (1 - f)[:, None] * B) / f[:, None]
     brightest = light.max(axis=1)
-    lit = light.min(axis=1) >= PhysicalLimits.min_light * brightest
-    return np.asarray(lit & (brightest > 0) & (brightest <= PhysicalLimits.max_light))
+    lit = light.min(axis=1) >= MIN_LIGHT * brightest
+    return np.asarray(lit & (brightest > 0) & (brightest <= MAX_LIGHT))

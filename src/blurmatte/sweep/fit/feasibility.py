@@ -1,31 +1,25 @@
 """Physical admissibility of a sweep: its path, its light, and its visible fraction."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from blurmatte.sweep.model.state import State
 
-
-@dataclass(frozen=True)
-class PhysicalLimits:
-    """Limits of a sweep that is physically possible."""
-
-    max_light: float = 1.2  # mean light of the object, where the sensor's white is 1
-    # Of a channel, of the brightest one; noise may make a dark channel negative
-    min_light: float = -0.1
-    min_visible_fraction: float = 0.5  # of the total alpha, on valid pixels
-    max_outside_fraction: float = 0.01  # of the path, outside the mask
-    # Turn of the path within the object's own width: half a circle, and rounding
-    max_turn_rad: float = 3.5
+# Limits of a sweep that is physically possible.
+MAX_LIGHT = 1.2  # mean light of the object, where the sensor's white is 1
+# Of a channel, of the brightest one; noise may make a dark channel negative
+MIN_LIGHT = -0.1
+_MIN_VISIBLE_FRACTION = 0.5  # of the total alpha, on valid pixels
+_MAX_OUTSIDE_FRACTION = 0.01  # of the path, outside the mask
+# Turn of the path within the object's own width: half a circle, and rounding
+_MAX_TURN_RAD = 3.5
 
 
 def rejection(state: State) -> str:
     """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
     light = state.mean_color
-    if light.max() > PhysicalLimits.max_light:
+    if light.max() > MAX_LIGHT:
         return "needs more light than white"
-    if light.min() < PhysicalLimits.min_light * light.max():
+    if light.min() < MIN_LIGHT * light.max():
         return "needs negative light"
     if not inside_mask(state):
         return "leaves the streak"
@@ -33,7 +27,7 @@ def rejection(state: State) -> str:
         return "doubles back within its own width"
     alpha = state.swept.alpha
     hidden = alpha[~state.observation.valid].sum()
-    if hidden >= (1 - PhysicalLimits.min_visible_fraction) * alpha.sum():
+    if hidden >= (1 - _MIN_VISIBLE_FRACTION) * alpha.sum():
         return "lies mostly where the pictures are clipped or hidden"
     return ""
 
@@ -49,7 +43,7 @@ def inside_mask(state: State) -> bool:
     # Blocks may cover less than the picture: one block beyond counts as within.
     beyond = np.any((at < -1) | (at > (w, h)), axis=1)
     outside = np.count_nonzero(beyond | ~observation.near[y, x])
-    return bool(outside <= PhysicalLimits.max_outside_fraction * len(xy))
+    return bool(outside <= _MAX_OUTSIDE_FRACTION * len(xy))
 
 
 def self_overlaps(state: State) -> bool:
@@ -64,7 +58,4 @@ def self_overlaps(state: State) -> bool:
         xy, _ = state.family.at(state.path, np.array([0, kink, 1]))
         if np.linalg.norm(np.diff(xy, axis=0), axis=1).max() < state.shape[0]:
             return True
-    return (
-        turned > PhysicalLimits.max_turn_rad
-        and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned
-    )
+    return turned > _MAX_TURN_RAD and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned

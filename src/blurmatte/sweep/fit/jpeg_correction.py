@@ -13,7 +13,7 @@ from blurmatte.sweep.fit.residuals import colors_are_correlated
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import light_before
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.silhouette import ShapeLimits
+from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX
 from blurmatte.sweep.model.state import State
 
 
@@ -46,7 +46,7 @@ def chroma_blur_std(state: State) -> float:
     compression = state.observation.compression
     if compression is not None:
         return compression.spread
-    return min(state.silhouette.softness(state.shape), ShapeLimits.max_file_blur_px)
+    return min(state.silhouette.softness(state.shape), MAX_FILE_BLUR_PX)
 
 
 def light_before_file(

@@ -36,24 +36,21 @@ FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNC
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 
 
-@dataclass(frozen=True)
-class MultistartSettings:
-    """Settings of the search; lengths are in half widths of the streak unless they say pixels."""
-
-    # Radii of the discs that fits start from, for one picture and for one of many frames
-    radii: tuple[float, ...] = (1.0, 0.75, 1.2, 0.5)
-    quick_radii: tuple[float, ...] = (0.8,)
-    radius_bounds: tuple[float, float] = (0.25, 1.6)
-    margin: float = 2.5  # around the streak
-    # Radius of a disc on large and on small pixels
-    coarse_radius_px: float = 4.0
-    fine_radius_px: float = 16.0
-    max_pixels: int = 80_000  # of an observation; larger ones are averaged
-    max_steps: int = 25  # of one fit
-    coarse_tolerance: float = 0.3  # on large pixels, units of log likelihood
-    max_finalists: int = 2  # families of paths that are refined
-    # Standard deviation of the rim's blur that fits of soft discs start from
-    first_blur_px: float = 0.7
+# Settings of the search; lengths are in half widths of the streak unless they say pixels.
+# Radii of the discs that fits start from, for one picture and for one of many frames
+_RADII = (1.0, 0.75, 1.2, 0.5)
+QUICK_RADII = (0.8,)
+_RADIUS_BOUNDS = (0.25, 1.6)
+_MARGIN = 2.5  # around the streak
+# Radius of a disc on large and on small pixels
+_COARSE_RADIUS_PX = 4.0
+_FINE_RADIUS_PX = 16.0
+_MAX_PIXELS = 80_000  # of an observation; larger ones are averaged
+MAX_STEPS = 25  # of one fit
+_COARSE_TOLERANCE = 0.3  # on large pixels, units of log likelihood
+_MAX_FINALISTS = 2  # families of paths that are refined
+# Standard deviation of the rim's blur that fits of soft discs start from
+_FIRST_BLUR_PX = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,22 +72,21 @@ class Multistart:
         image: LinearImage,
         plate: LinearImage,
         color: ColorPrior,
-        radii: Sequence[float] = MultistartSettings.radii,
+        radii: Sequence[float] = _RADII,
     ) -> "Multistart":
         """The search in a streak, from discs of these radii, fractions of its half width."""
-        settings = MultistartSettings
         x0, y0, x1, y1 = streak.box
         depth, dilation = _depth_in(streak)
         half_width = float(depth.max()) - dilation
-        margin = int(settings.margin * half_width) + 4
+        margin = int(_MARGIN * half_width) + 4
         observation = observation_around(streak, margin, image, plate, color)
         observation = replace(observation, grain=half_width / NODES_PER_RADIUS)
-        observation = observation.coarse_enough(half_width, settings.fine_radius_px)
-        excess = np.sqrt(observation.weight.size / settings.max_pixels)
+        observation = observation.coarse_enough(half_width, _FINE_RADIUS_PX)
+        excess = np.sqrt(observation.weight.size / _MAX_PIXELS)
         observation = observation.coarser(max(1, int(np.ceil(excess))))
         observation = observation.raised(observation.correlated_noise())
-        low, high = settings.radius_bounds
-        coarse = observation.coarse_enough(half_width, settings.coarse_radius_px)
+        low, high = _RADIUS_BOUNDS
+        coarse = observation.coarse_enough(half_width, _COARSE_RADIUS_PX)
         return cls(
             observation,
             coarse,
@@ -186,9 +182,9 @@ class Multistart:
     def _with_blur(self, state: State) -> State:
         """The fit of a disc with a blurred rim that starts there."""
         soft = replace(state.silhouette, soft=True)
-        start, settings = state.of_kind(soft), MultistartSettings
-        blur = max(start.shape[-1], settings.first_blur_px * state.observation.scale)
-        return minimize(start.with_parameter(-1, blur), self.bounds, settings.max_steps)
+        start = state.of_kind(soft)
+        blur = max(start.shape[-1], _FIRST_BLUR_PX * state.observation.scale)
+        return minimize(start.with_parameter(-1, blur), self.bounds, MAX_STEPS)
 
     def _from_all_curves(self) -> list[State]:
         """Fits on large pixels: all families on the first curve, the best one and lines on others."""
@@ -212,11 +208,7 @@ class Multistart:
             for family in families
             for path in family.starts(curve)
         ]
-        settings = MultistartSettings
-        return [
-            minimize(start, self.bounds, settings.max_steps, settings.coarse_tolerance)
-            for start in starts
-        ]
+        return [minimize(start, self.bounds, MAX_STEPS, _COARSE_TOLERANCE) for start in starts]
 
     def _finalists(self, fits: Sequence[State]) -> list[State]:
         """The best of each family, of those that refinement may make the best of all."""
@@ -224,12 +216,12 @@ class Multistart:
         for behind, state in ranked(fits):
             if behind < 4 * DECISIVE_LOG_BAYES_FACTOR:
                 best.setdefault(state.family, state)
-        return list(best.values())[: MultistartSettings.max_finalists]
+        return list(best.values())[:_MAX_FINALISTS]
 
     def _refined(self, state: State) -> State:
         """The fit on small pixels that starts there."""
         start = with_principal_axes(state.on(self.observation))
-        return minimize(start, self.bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE)
+        return minimize(start, self.bounds, MAX_STEPS, ROUGH_TOLERANCE)
 
 
 def half_width_of(streak: Streak) -> float:

@@ -31,15 +31,12 @@ Indices = npt.NDArray[np.int64]
 Light = tuple[Array, Array, Array, Array]
 
 
-@dataclass(frozen=True)
-class FieldSettings:
-    """Settings of the fit of a field."""
-
-    rounds: int = 4  # of the colors, then their spread and the pixels' weights
-    # Along each axis, of the mean color's length
-    first_spread: tuple[float, float, float] = (0.5, 0.2, 0.2)
-    min_spread: float = 0.004  # of the mean color's length
-    min_length: float = 1e-3  # of the mean color, linear light
+# Settings of the fit of a field.
+_ROUNDS = 4  # of the colors, then their spread and the pixels' weights
+# Along each axis, of the mean color's length
+_FIRST_SPREAD = (0.5, 0.2, 0.2)
+_MIN_SPREAD = 0.004  # of the mean color's length
+_MIN_LENGTH = 1e-3  # of the mean color, linear light
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,11 +138,10 @@ def fit_field(
     pitch is that of the nodes, pixels.
     """
     grid = Grid.over(alpha, pitch)
-    fit = FieldSettings
     settings = np.array(
         [
-            fit.rounds, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
-            *fit.first_spread, fit.min_spread, fit.min_length,
+            _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
+            *_FIRST_SPREAD, _MIN_SPREAD, _MIN_LENGTH,
         ]
     )  # fmt: skip
     colors, prior, mean, mean_std, spread, change, cost, e = color_field_kernel.fit(

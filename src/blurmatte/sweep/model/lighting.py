@@ -26,21 +26,17 @@ from blurmatte.sweep.model.color_field_kernel import corners, fit_axis, scales
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.student_t import student_weight
 
-
-@dataclass(frozen=True)
-class LightingSettings:
-    """Settings of the fit of ρ; all but rounds and pitch are fractions of the plate's light."""
-
-    rounds: int = 6  # of the field, then its amplitude and the pixels' weights
-    # κ and τ at the start, as of a shadow near a wall
-    first_spread: float = 0.3
-    first_step: float = 0.15
-    min_spread: float = 1e-4  # of κ and τ
-    # Of ρ
-    min_change: float = -0.95
-    max_change: float = 0.5
-    # From node to node, in those of the color field: half the half width of a streak
-    pitch: float = 2.0
+# Settings of the fit of ρ; all but rounds and pitch are fractions of the plate's light.
+_ROUNDS = 6  # of the field, then its amplitude and the pixels' weights
+# κ and τ at the start, as of a shadow near a wall
+_FIRST_SPREAD = 0.3
+_FIRST_STEP = 0.15
+_MIN_SPREAD = 1e-4  # of κ and τ
+# Of ρ
+_MIN_CHANGE = -0.95
+_MAX_CHANGE = 0.5
+# From node to node, in those of the color field: half the half width of a streak
+_PITCH = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,26 +93,25 @@ def fit_lighting(observation: Observation) -> Lighting:
     observation has the plate as it was without the object.
     """
     shape = observation.weight.shape
-    settings = LightingSettings
-    pitch = settings.pitch * observation.pitch
+    pitch = _PITCH * observation.pitch
     grid = Grid.over(np.ones(shape), pitch)
     light = observation.C, observation.B, observation.C_variance, observation.B_variance
     differences, n = grid.differences(), grid.size
     prior, nodes = np.empty((grid.width, n)), np.empty(n)
-    spread, step, cost = settings.first_spread, settings.first_step, 0.0
+    spread, step, cost = _FIRST_SPREAD, _FIRST_STEP, 0.0
     chi2, change, std = np.empty(shape), np.empty(shape), np.empty(shape)
     _chi2_of_best(*light, chi2)
-    for _ in range(settings.rounds):
+    for _ in range(_ROUNDS):
         weight = observation.weight * student_weight(chi2)
         band, right = np.zeros((grid.width, n)), np.zeros(n)
         _equations(*light, weight, pitch, grid.number, band, right)
         cost, _, _ = fit_axis(band, right, differences, spread, step, False, prior, nodes)
-        clipped = np.clip(nodes, settings.min_change, settings.max_change)
+        clipped = np.clip(nodes, _MIN_CHANGE, _MAX_CHANGE)
         _values(pitch, grid.number, clipped, change)
         _chi2(*light, change, chi2)
         _values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
         away, steps = scales(band, prior, nodes, 0.0, grid.neighbors)
-        spread, step = (max(float(x), settings.min_spread) for x in (away, steps))
+        spread, step = (max(float(x), _MIN_SPREAD) for x in (away, steps))
     return Lighting(change, std, float(cost), observation.origin, observation.scale)
 
 

@@ -19,20 +19,17 @@ from blurmatte.sweep.model.pixels import Pixels
 OPAQUE = 0.999  # alpha from which the plate is invisible
 
 
-@dataclass(frozen=True)
-class ShapeLimits:
-    """Bounds of the parameters of a silhouette."""
-
-    max_log_stretch: float = 2.0  # half the log of length over width: 55 times as long as wide
-    # Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points
-    # has half of it
-    max_coefficients: float = 1.0
-    max_log_rate: float = 2.0  # logarithm by which a length changes during the exposure: 7.4 times
-    min_blur_px: float = 0.2  # standard deviation of the rim's blur: a pixel's width hides less
-    # Standard deviation by which files blur colors: blocks of 4 pixels share a color
-    max_file_blur_px: float = 2.0
-    # Standard deviation by which a lens blurs the rim, of the radius; more hides the shape
-    max_lens_blur: float = 0.3
+# Bounds of the parameters of a silhouette.
+_MAX_LOG_STRETCH = 2.0  # half the log of length over width: 55 times as long as wide
+# Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points
+# has half of it
+_MAX_COEFFICIENTS = 1.0
+_MAX_LOG_RATE = 2.0  # logarithm by which a length changes during the exposure: 7.4 times
+_MIN_BLUR_PX = 0.2  # standard deviation of the rim's blur: a pixel's width hides less
+# Standard deviation by which files blur colors: blocks of 4 pixels share a color
+MAX_FILE_BLUR_PX = 2.0
+# Standard deviation by which a lens blurs the rim, of the radius; more hides the shape
+_MAX_LENS_BLUR = 0.3
 
 
 @dataclass(frozen=True)
@@ -146,23 +143,23 @@ class Silhouette:
         return factors
 
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
-        """The shape clipped to radius bounds (pixels) and to `ShapeLimits`."""
+        """The shape clipped to radius bounds (pixels) and to the bounds above."""
         near = shape.copy()
-        near[0], rate = np.clip(shape[0], *bounds), ShapeLimits.max_log_rate
+        near[0], rate = np.clip(shape[0], *bounds), _MAX_LOG_RATE
         near[self._rates] = np.clip(shape[self._rates], -rate, rate)
         if self.soft:
-            lens = ShapeLimits.max_lens_blur * near[0]
-            largest = max(ShapeLimits.max_file_blur_px, lens)
-            near[-1] = np.clip(shape[-1], ShapeLimits.min_blur_px, largest)
+            lens = _MAX_LENS_BLUR * near[0]
+            largest = max(MAX_FILE_BLUR_PX, lens)
+            near[-1] = np.clip(shape[-1], _MIN_BLUR_PX, largest)
         return near
 
     def extreme(self, shape: Array) -> bool:
-        """True if it gets too long or its rim is too jagged for `ShapeLimits`."""
+        """True if it gets too long or its rim is too jagged for the bounds above."""
         if self.order == 1:
             return False
         long = np.linalg.norm(shape[1:3]) + np.linalg.norm(self.rates(shape)[1:]) / 2
         jagged = np.linalg.norm(self._coefficients(shape))
-        return bool(long > ShapeLimits.max_log_stretch or jagged > ShapeLimits.max_coefficients)
+        return bool(long > _MAX_LOG_STRETCH or jagged > _MAX_COEFFICIENTS)
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> Swept:
         """Alpha of a shape that moves along a path, which may leave the pixels.
