@@ -15,7 +15,6 @@ from blurmatte.background import Match
 from blurmatte.checks import Bools, Box, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import solve_clipped
-from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import PixelMaps, Quality
 from blurmatte.matting.mask_growth import grown_mask
@@ -27,6 +26,7 @@ from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
+from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.sweep import Sweep
 
 Solver = Pixelwise | Smooth | Swept | Shaded

@@ -21,7 +21,6 @@ from blurmatte.matting.calibration import (
     reasons,
 )
 from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
-from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
@@ -34,6 +33,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
+from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage

@@ -17,7 +17,6 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import graded_alone
 from blurmatte.matting.case import MARGIN_PX, Case, Fitted, Pictures, Solver
-from blurmatte.matting.fitting_size import FittingSize
 from blurmatte.matting.hypotheses import average_hypotheses
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.pixelwise import Pixelwise
@@ -33,6 +32,7 @@ from blurmatte.streaks import Streak, check_streak, merge_across_occluder, requi
 from blurmatte.streaks.outliers import without_outliers
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
+from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.sweep import Sweep
 

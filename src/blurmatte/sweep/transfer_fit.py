@@ -17,6 +17,7 @@ from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit.residuals import variance_inflation
+from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.color_prior import ColorPrior
 
 CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
@@ -100,10 +101,13 @@ def fit_transfer(
     if streak is None:
         streak = require_streaks(*with_noise(image, plate))[0]
     tried = declared, *(curve for curve in curves if curve.name != declared.name)
-    left = []
+    size, left = FittingSize.of(streak), []
+    fitted = streak if size is None else size.streak(streak)
     for curve in tried:
         pictures = with_noise(decoded_again(image, curve), decoded_again(plate, curve))
-        left.append(_inflation_of_one_color(streak, *pictures))
+        if size is not None:  # means of light, which depend on the curve
+            pictures = size.pictures(*pictures, streak, measured=True)
+        left.append(_inflation_of_one_color(fitted, *pictures))
     return TransferFit(tried, left)
 
 

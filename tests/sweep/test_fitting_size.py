@@ -7,12 +7,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import fitting_size, solve
-from blurmatte.matting.fitting_size import FittingSize
+from blurmatte.matting import solve
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, render
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
+from blurmatte.sweep import fitting_size
+from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE
 from blurmatte.sweep.model.pixels import Pixels
