@@ -102,7 +102,7 @@ def test_solve_writes_all_results(scene, tmp_path):
     assert result.stderr == ""
     *graded, first, second, third = result.stdout.splitlines()
     assert first.startswith("Solution(128x80, alpha up to 0.")
-    assert re.fullmatch(r"#ff\w{4}  rank 1, ± 0\.\d+°", second)
+    assert re.fullmatch(r"#ff\w{4}, rank 1, ± 0\.\d+°", second)
     assert third == str(out / "overview.png")
     solution = bm.read_solution(out / "layer.exr")
     assert graded == grade_in_words(solution)
@@ -280,7 +280,7 @@ def test_lists_other_streaks_as_regions(here, tmp_path):
     bm.write(here / "two.png", image)
     base = ("solve", here / "two.png", "--plate", here / "plate.png", "--color", COLOR, *FAST)
     first = good(*base, "--out", tmp_path / "a").stdout
-    assert f"{COLOR}  rank 1, given" in first
+    assert f"{COLOR}, rank 1, given" in first
     (region,) = re.findall(r"also moved, choose with --region: (\S+)\n", first)
     second = good(*base, "--out", tmp_path / "b", "--region", region)
     assert "also moved" not in second.stdout

@@ -1,6 +1,7 @@
 """blurmatte sharpen: a solution in, sharp layers or a clip out."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,7 +58,7 @@ def folder(tmp_path_factory):
         sweep=sweep,
     )
     bm.write(folder / "layer.exr", solution)
-    bm.write(folder / "no_sweep.exr", bm.Solution(**{**vars(solution), "sweep": None}))
+    bm.write(folder / "no_sweep.exr", replace(solution, sweep=None))
     bm.write(folder / "image.png", truth.image)
     bm.write(folder / "plate.png", truth.plate)
     return folder

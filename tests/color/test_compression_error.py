@@ -71,6 +71,7 @@ def test_std_with_compression_is_calibrated():
     assert 0.2 < np.mean(z2) < 2
 
 
+@pytest.mark.battery
 def test_only_known_subsampling_adds_to_the_error():
     image, plate, streak = taken(10)
     bare = replace(image, meta=replace(image.meta, compression=None))

@@ -341,6 +341,7 @@ def test_feasibility_of_alpha_and_brightness(alpha, k, bound, possible):
     assert (cost.item() == 0) == possible
 
 
+@pytest.mark.battery
 def test_brightness_bound_never_increases_the_std(scene):
     truth, image, plate = scene
     brightest = truth.layer.straight().max()

@@ -334,6 +334,7 @@ def test_a_ball_that_does_not_turn_has_no_certain_spin():
         assert found.rotation @ np.linalg.inv(found.rotation_covariance) @ found.rotation < 16
 
 
+@pytest.mark.battery
 def test_a_plain_ball_is_refused():
     case = spinning(plain=True)
     with pytest.raises(bm.errors.SpinError, match="texture is too weak"):

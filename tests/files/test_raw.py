@@ -371,9 +371,9 @@ def test_commands_name_colors_in_srgb(throw, tmp_path):
     given = folder / "image.dng", "--plate", folder / "plate.dng"
     code, said = called("color", *given, "--color", "#ffbc68", "--out", tmp_path / "m.json")
     assert code == 0
-    assert said.startswith("#ffbc68  rank 1, given")
+    assert said.startswith("#ffbc68, rank 1, given")
     assert "camera's own linear RGB" in said
-    assert called("info", tmp_path / "m.json")[1].startswith("#ffbc68  rank 1, given")
+    assert called("info", tmp_path / "m.json")[1].startswith("#ffbc68, rank 1, given")
     code, said = called("color", *given, "--color", tmp_path / "m.json")
     assert (code, said[:7]) == (0, "#ffbc68")
 

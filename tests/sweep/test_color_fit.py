@@ -64,6 +64,7 @@ def test_its_error_is_honest():
     assert 0.4 < np.mean(z) < 2.0
 
 
+@pytest.mark.battery
 def test_color_of_a_rejected_sweep_is_that_of_the_hues():
     """door: if hues are ambiguous too, the sweep's color is used."""
     wall, tiles = photographed(FLAT[LINE]), photographed(FLAT_BEFORE_TILES[LINE])

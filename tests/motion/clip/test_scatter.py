@@ -49,6 +49,7 @@ def test_scatter_is_ratio_of_true_to_stated_errors():
     assert "the given errors were increased accordingly" in explain(scatters[0])[0]
 
 
+@pytest.mark.battery
 def test_errors_are_multiplied_by_scatter():
     """Honest: the true errors, although each frame states smaller ones; else the stated ones."""
     for larger in (1, 3):

@@ -1,5 +1,7 @@
 """end_silhouettes: first and last silhouette from the derivative of alpha along the motion."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -94,7 +96,9 @@ def test_error_is_infinite_where_alpha_is_unknown():
     alpha, _, _ = streak()
     solution = solution_of(alpha, 0.001)
     motion = measure_motion(solution)
-    solution.alpha_std[30, 50] = np.inf
+    unknown = solution.alpha_std.copy()
+    unknown[30, 50] = np.inf
+    solution = replace(solution, alpha_std=unknown)
     ends = end_silhouettes(solution, motion)
     assert np.isinf(ends.change_std[30, 50])
     assert np.isfinite(ends.change_std).sum() == alpha.size - 1

@@ -41,7 +41,13 @@ def searched(scene, seed=0):
 
 
 @every_family
-@pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
+@pytest.mark.parametrize(
+    "scenes",
+    [
+        pytest.param(FLAT, id="wall"),
+        pytest.param(FLAT_BEFORE_TILES, marks=pytest.mark.battery, id="tiles"),
+    ],
+)
 def test_a_ball_on_every_path_is_found(family, scenes):
     """honest: radius and path within 3 standard deviations."""
     one_paint, varied = searched(scenes[family]).best()
