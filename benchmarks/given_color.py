@@ -30,7 +30,7 @@ def ratio(solution: bm.Solution, alpha: np.ndarray) -> float:
     """True over calibrated error of all hypotheses, or over the claimed one of a solver."""
     known = solution.streak & solution.known
     stats = solution.stats
-    claim = stats["alpha_error"] if "error_terms" in stats else stats["claimed_error"]
+    claim = stats.claimed_error if stats.error_terms is None else stats.alpha_error
     return root_mean_square((solution.alpha - alpha)[known]) / claim
 
 

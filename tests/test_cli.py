@@ -106,7 +106,7 @@ def test_solve_writes_all_results(scene, tmp_path):
     assert third == str(out / "overview.png")
     solution = bm.read_solution(out / "layer.exr")
     assert graded == grade_in_words(solution)
-    assert solution.stats["sum_alpha"] == pytest.approx(np.pi * 12**2, rel=0.03)
+    assert solution.stats.sum_alpha == pytest.approx(np.pi * 12**2, rel=0.03)
     report = json.loads((out / "report.json").read_text())
     assert report["model"]["rank"] == 1
     assert report["command"].startswith("blurmatte")
@@ -118,12 +118,12 @@ def graded(monkeypatch):
     usual = bm.solve
 
     def of(grade, **others):
-        stats = {"grade": grade, "alpha_error": 0.04, "alpha_scale_std": 0.25, **others}
-        stats["grade_reasons"] = ("color",)
+        graded = {"grade": bm.Grade(grade), "alpha_error": 0.04, "alpha_scale_std": 0.25, **others}
 
         def solve(*args, **kwargs):
             solution = usual(*args, **kwargs)
-            return replace(solution, stats={**solution.stats, **stats})
+            stats = replace(solution.stats, grade_reasons=("color",), **graded)
+            return replace(solution, stats=stats)
 
         monkeypatch.setattr(bm, "solve", solve)
 
@@ -268,7 +268,7 @@ def test_region_without_motion_is_solved_with_warning(scene, tmp_path):
     first, line = answer.stderr.splitlines()
     assert "no motion is found in --region 90,0,120,20; all of it is taken" in first
     assert line.startswith(f"blurmatte: warning: {scene / 'image.png'}: Alpha adds up to ")
-    assert bm.read_solution(tmp_path / "layer.exr").stats["streak_box"] == (90, 0, 120, 20)
+    assert bm.read_solution(tmp_path / "layer.exr").stats.streak_box == (90, 0, 120, 20)
     report = json.loads((tmp_path / "report.json").read_text("utf-8"))
     warned = [said.removeprefix("blurmatte: warning: ") for said in (first, line)]
     assert report["warnings"] == warned
@@ -285,7 +285,7 @@ def test_lists_other_streaks_as_regions(here, tmp_path):
     second = good(*base, "--out", tmp_path / "b", "--region", region)
     assert "also moved" not in second.stdout
     solution = bm.read_solution(tmp_path / "b" / "layer.exr")
-    assert ",".join(map(str, solution.stats["streak_box"])) == region
+    assert ",".join(map(str, solution.stats.streak_box)) == region
 
 
 @pytest.mark.battery
@@ -1079,7 +1079,7 @@ def test_solver_shaded_solves_shadow(scene, tmp_path):
     good("solve", *files, f"shaded:{tmp_path / 'shade.png'}", *out)
     solution = bm.read_solution(tmp_path / "a" / "layer.exr")
     assert solution.solver == "Shaded(plate in shadow)"
-    assert "sum_shadow" in solution.stats
+    assert solution.stats.sum_shadow is not None
     good("solve", *files, "shaded", "--out", tmp_path / "b", "--color", COLOR)
     assert "light=" in bm.read_solution(tmp_path / "b" / "layer.exr").solver
 

@@ -15,6 +15,7 @@ import blurmatte as bm
 from blurmatte.cli.console import in_degrees
 from blurmatte.clips.table import PictureRecord
 from blurmatte.figures.sheet import Sheet
+from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.summary import mean_light
 from blurmatte.radiometry import hex_of_light
 from blurmatte.rendering import add_noise, colorful_plate
@@ -102,8 +103,8 @@ def test_the_report_is_plain_json(tmp_path, solved):
     assert report["model"]["hex"] == list(solution.model.hex)
     assert np.allclose(report["model"]["basis"], solution.model.basis, atol=0)
     assert report["solver"] == solution.solver
-    assert report["grade"] == solution.stats.get("grade")
-    assert report["stats"]["sum_alpha"] == solution.stats["sum_alpha"]
+    assert report["grade"] == solution.stats.grade
+    assert report["stats"]["sum_alpha"] == solution.stats.sum_alpha
     assert report["flagged"]["SATURATED"] == 1
     assert "OUTSIDE" not in report["flagged"]
     assert report["versions"]["numpy"] == np.__version__
@@ -150,9 +151,13 @@ def test_a_layer_of_no_alpha_has_no_mean_color():
 
 def test_the_report_has_the_grade_and_the_calibrated_errors(tmp_path, solved):
     image, plate, solution = solved
-    graded = {"grade": "plausible", "alpha_error": 0.03, "alpha_scale_std": 0.04}
-    graded["grade_reasons"] = ("noise",)
-    stats = {**solution.stats, **graded}
+    stats = replace(
+        solution.stats,
+        grade=bm.Grade.PLAUSIBLE,
+        alpha_error=0.03,
+        alpha_scale_std=0.04,
+        grade_reasons=("noise",),
+    )
     bm.save_results(tmp_path, image, plate, replace(solution, stats=stats))
     report = json.loads((tmp_path / "report.json").read_text("utf-8"))
     assert report["grade"] == "plausible"
@@ -166,9 +171,10 @@ def test_the_report_has_the_alternatives(tmp_path, solved):
     image, plate, solution = solved
     own = {"name": "no shape, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
     own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": None}
-    others = own, {**own, "hex": "#a04020", "weight": 0.1, "alpha_factor": 1.3, "radius": 8.0}
-    stats = {"grade": "assumed", "alpha_scale_std": 0.2, "alternatives": others}
-    saved = replace(solution, stats={**solution.stats, **stats})
+    other = {**own, "hex": "#a04020", "weight": 0.1, "alpha_factor": 1.3, "radius": 8.0}
+    others = Alternative(**own), Alternative(**other)
+    graded = {"grade": bm.Grade.ASSUMED, "alpha_scale_std": 0.2, "alternatives": others}
+    saved = replace(solution, stats=replace(solution.stats, **graded))
     bm.save_results(tmp_path, image, plate, saved)
     report = json.loads((tmp_path / "report.json").read_text("utf-8"))
     found = report["stats"]["alternatives"]
@@ -179,7 +185,7 @@ def test_the_report_has_the_alternatives(tmp_path, solved):
                for said in report["in_words"])  # fmt: skip
     assert any(said.startswith("All of alpha may be 0.80 to 1.30 times as large")
                for said in report["in_words"])  # fmt: skip
-    assert bm.read_solution(tmp_path / "layer.exr").stats["alternatives"] == others
+    assert bm.read_solution(tmp_path / "layer.exr").stats.alternatives == others
 
 
 def test_old_results_are_replaced_and_others_left_alone(tmp_path, solved):

@@ -174,8 +174,8 @@ def of_light(solution: Solution, layer: Layer, where: Bools, channel: int) -> Er
 
 def of_sum(solution: Solution, layer: Layer) -> Errors:
     stats, summed = solution.stats, solution.streak & solution.known
-    std = stats["sum_alpha_std"]
-    return np.array([stats["sum_alpha"] - layer.alpha[summed].sum()]), np.array([std])
+    std = stats.sum_alpha_std
+    return np.array([stats.sum_alpha - layer.alpha[summed].sum()]), np.array([std])
 
 
 def joined(errors: list[Errors]) -> Errors:

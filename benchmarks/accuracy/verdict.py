@@ -285,7 +285,7 @@ def trial(kind: str, file: str, seed: int) -> Outcome:
 def compared(solution: Solution, case: Case) -> Outcome:
     """The error of alpha where it is known, and the claimed error there."""
     known = (case.truth.layer.alpha > 0) & solution.known
-    std = np.hypot(solution.alpha_std, solution.stats["alpha_scale_std"] * solution.alpha)
+    std = np.hypot(solution.alpha_std, solution.stats.alpha_scale_std * solution.alpha)
     rmse = min(root_mean_square((solution.alpha - alpha)[known]) for alpha in case.alphas)
     return Outcome(solution.sweep is not None, rmse, root_mean_square(std[known]))
 

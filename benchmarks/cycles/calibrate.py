@@ -10,7 +10,7 @@ that are left out of the fit in turn show its error on unseen objects.
 import json
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -180,8 +180,8 @@ def _sample(picture: Picture) -> Sample | None:
         picture.camera,
         picture.facts.kind,
         image.meta.sharing is not None,
-        dict(solution.stats["error_terms"]),
-        float(solution.stats["claimed_error"]),
+        asdict(solution.stats.error_terms),
+        float(solution.stats.claimed_error),
         float(errors.alpha_rmse),
     )
 

@@ -180,7 +180,7 @@ def errors_of(
 
 def combined_std(solution: Solution) -> Floats:
     """(H, W) claimed standard deviation of alpha, that of the color's scale included."""
-    scale = solution.stats["alpha_scale_std"]
+    scale = solution.stats.alpha_scale_std
     return np.asarray(np.hypot(solution.alpha_std, scale * solution.alpha))
 
 
@@ -190,11 +190,11 @@ def _with_claims(
     """With what compares alpha, its sum, light and color to their claims."""
     std, stats, summed = combined_std(solution), solution.stats, solution.streak & solution.known
     claims = (
-        stats["sum_alpha_std"],
+        stats.sum_alpha_std,
         facts.alpha_std * np.sqrt(np.count_nonzero(summed)),
     )
     true_sum = float(near.alpha[summed].sum(dtype=float))
-    sum_error, sum_std = stats["sum_alpha"] - true_sum, float(np.linalg.norm(claims))
+    sum_error, sum_std = stats.sum_alpha - true_sum, float(np.linalg.norm(claims))
     light_error = (solution.premultiplied - near.premultiplied)[known]
     return replace(
         errors,

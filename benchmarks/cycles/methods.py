@@ -15,7 +15,7 @@ from benchmarks.accuracy.against_other_methods import Case
 from blurmatte.background import Matching, match_plate
 from blurmatte.calibration import with_noise
 from blurmatte.layer import Layer
-from blurmatte.matting import Quality, Smooth, Solution, solve
+from blurmatte.matting import Quality, Smooth, Solution, SolutionStats, solve
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
@@ -80,11 +80,11 @@ class _FirstDisc:
         light = self.image.rgb - through * self.plate.rgb
         variance = self.image.variance + through**2 * self.plate.variance
         outside = alpha == 0
-        stats = {
-            "sum_alpha": float(alpha.sum()),
-            "sum_alpha_std": self.sweep.area_std(),
-            "alpha_scale_std": 0.0,  # part of the disc's covariance
-        }
+        stats = SolutionStats(
+            sum_alpha=float(alpha.sum()),
+            sum_alpha_std=self.sweep.area_std(),
+            alpha_scale_std=0.0,  # part of the disc's covariance
+        )
         return Solution(
             alpha,
             alpha_std,

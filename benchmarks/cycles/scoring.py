@@ -257,7 +257,7 @@ def _outcome(
         answered=answer is not None,
         why=why,
         solver=given.solver if isinstance(given, Solution) else "",
-        grade=str(given.stats.get("grade", "")) if isinstance(given, Solution) else "",
+        grade=str(given.stats.grade or "") if isinstance(given, Solution) else "",
         cpu_seconds=seconds,
         limit=job.limit,
         errors=errors_of(given, known.truth, known.layers, facts),

@@ -24,6 +24,7 @@ DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
     "up": (0, -1),
 }
 MAX_PIXELS = 200_000_000  # default limit of pictures that are read
+MAX_PX = 1e6  # of places and lengths that are read
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
 
 

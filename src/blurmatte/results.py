@@ -26,6 +26,7 @@ from blurmatte.explain.doubt import alpha_peak
 from blurmatte.explain.explain import explain
 from blurmatte.figures import draw_exposures, draw_overview, draw_plate, sure_pixels
 from blurmatte.files import write_together
+from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.layer import Layer
 from blurmatte.matting.maps import Quality
 from blurmatte.matting.solution import Solution, check_solution
@@ -195,10 +196,10 @@ def _report(
             "evidence_degrees": model.evidence,
             "in_words": explain(model),
         },
-        "grade": solution.grade if "grade" in solution.stats else None,
+        "grade": solution.stats.grade,
         "solver": solution.solver,
         "alpha_peak": alpha_peak(solution),
-        "stats": solution.stats,
+        "stats": stats_to_mapping(solution.stats),
         "flagged": {
             flag.name: int(np.count_nonzero(inside & flag))
             for flag in Quality

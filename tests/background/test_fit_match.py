@@ -171,7 +171,7 @@ def test_solve_matches_by_default():
     with pytest.warns(bm.errors.PlateWarning, match="brightness differs"):
         plain = bm.solve(image, plate, model, bm.Pixelwise(), matching=bm.background.Matching.NONE)
     matched = bm.solve(image, plate, model, bm.Pixelwise())
-    assert np.allclose(matched.stats["match"]["shift"], (1.2, -0.6), atol=0.02)
+    assert np.allclose(matched.stats.match.shift, (1.2, -0.6), atol=0.02)
     inside = RENDERING.layer.alpha > 0
     off = [
         np.sqrt(np.mean((solution.alpha - RENDERING.layer.alpha)[inside & solution.known] ** 2))

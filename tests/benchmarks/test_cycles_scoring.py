@@ -91,12 +91,12 @@ def test_errors_equal_those_computed_directly(root, outcome):
     solution, truth = solve(*picture.read()), picture.truth()
     true, found = truth.layer.alpha.astype(float), outcome.errors
     known = (true > 0.004) & solution.known
-    std = np.sqrt(solution.alpha_std**2 + (solution.stats["alpha_scale_std"] * solution.alpha) ** 2)
+    std = np.sqrt(solution.alpha_std**2 + (solution.stats.alpha_scale_std * solution.alpha) ** 2)
     z = (solution.alpha - true)[known] / np.sqrt(std[known] ** 2 + TRUTH_STD**2)
     summed = solution.streak & solution.known
     sum_error = solution.alpha[summed].sum() - true[summed].sum()
     stats = solution.stats
-    sum_variance = stats["sum_alpha_std"] ** 2 + TRUTH_STD**2 * summed.sum()
+    sum_variance = stats.sum_alpha_std**2 + TRUTH_STD**2 * summed.sum()
     light = (solution.premultiplied - truth.layer.premultiplied)[known]
     light_z = (light / solution.premultiplied_std[known]).ravel()
     assert outcome.answered

@@ -64,7 +64,8 @@ def test_measure_prints_sentences(measure):
 def test_grade_and_its_reasons_precede_every_number_of_an_answer(folder, tmp_path):
     """Exact: in every command that prints one; also in the numbers for machines."""
     solution = bm.read_solution(folder / "layer.exr")
-    stats = {**solution.stats, "grade": "assumed", "grade_reasons": ("shape", "noise")}
+    graded = {"grade": bm.Grade.ASSUMED, "grade_reasons": ("shape", "noise")}
+    stats = replace(solution.stats, **graded)
     bm.write(tmp_path / "layer.exr", replace(solution, stats=stats))
     reasons = "assumed: alpha with and without a shape on a path differ (by "
     points = [("26,28", "0,0"), ("70,28", "1,0"), ("70,42", "1,1"), ("26,42", "0,1")]

@@ -74,7 +74,7 @@ def test_frames_are_solved_by_the_given_solver(pictures, truth, solver):
         assert solution.solver == repr(solver)
         inside = solution.streak & solution.known
         off = (solution.alpha - truth[k + 4].alpha)[inside]
-        assert np.sqrt(np.mean(off**2)) < 2 * solution.stats["alpha_error"]
+        assert np.sqrt(np.mean(off**2)) < 2 * solution.stats.alpha_error
 
 
 def test_a_plate_in_shadow_is_refused_in_a_clip(pictures):
@@ -87,7 +87,7 @@ def test_multiplied_errors_have_their_grade(pictures):
     frames, plate = pictures
     solution = bm.solve(frames[5], plate, matching=bm.background.Matching.NONE)
     larger = solution.with_errors_times(30.0)
-    assert larger.stats["alpha_error"] == pytest.approx(30 * solution.stats["alpha_error"])
+    assert larger.stats.alpha_error == pytest.approx(30 * solution.stats.alpha_error)
     assert np.array_equal(larger.alpha, solution.alpha)
     assert larger.alpha_std == pytest.approx(30 * solution.alpha_std)
     assert larger.grade == bm.Grade.ASSUMED != solution.grade
@@ -123,7 +123,7 @@ def test_known_disc_is_solved_by_its_shape_alone(prepared, truth):
     one = wanted[3]
     solution = solver(frames[one.index : one.index + 1], one)
     assert solution.solver == "Swept()"
-    assert len(solution.stats["weights"]) == 1
+    assert len(solution.stats.weights) == 1
     assert solution.sweep.diagnostics.prior_probability > 1e-3
     error = np.where(solution.known, solution.alpha, 0) - truth[one.index].alpha
     assert np.sqrt(np.mean(error[truth[one.index].alpha > 0] ** 2)) < 0.02
@@ -157,7 +157,7 @@ def test_frame_that_contradicts_the_others_is_solved_alone(prepared, truth):
     path = replace(one.prior.path, points=one.prior.path.points + np.array([0.0, 3.0]))
     wrong = replace(one, prior=replace(one.prior, path=path))
     solution = solver(frames[one.index : one.index + 1], wrong)
-    assert "clip" in solution.stats["grade_reasons"]
+    assert "clip" in solution.stats.grade_reasons
     assert solution.sweep.diagnostics.prior_probability > 0.1  # of a disc's silhouette alone
     error = np.where(solution.known, solution.alpha, 0) - truth[one.index].alpha
     assert np.sqrt(np.mean(error[truth[one.index].alpha > 0] ** 2)) < 0.02
@@ -171,7 +171,7 @@ def test_solution_of_a_part_has_its_place_in_the_picture(pictures, truth):
     whole = part.in_picture(box, plate.size)
     assert np.array_equal(whole.alpha[0:44, 10:66], part.alpha)
     assert whole.streak.sum() == part.streak.sum()
-    (x0, y0), (x1, y1) = part.stats["streak_box"][:2], whole.stats["streak_box"][:2]
+    (x0, y0), (x1, y1) = part.stats.streak_box[:2], whole.stats.streak_box[:2]
     assert (x1 - x0, y1 - y0) == (10, 0)
     moved = whole.sweep.trajectory.xy - part.sweep.trajectory.xy
     assert moved == pytest.approx(np.tile((10.0, 0.0), (129, 1)))

@@ -170,9 +170,9 @@ def test_sharp_shadow_on_texture_is_rejected():
 def test_sharp_dark_streak_is_solved_and_marked():
     """honest: it may be a dark object or a shadow; all pixels are marked."""
     solution = solve(*shadow("gray"))
-    assert solution.stats["may_be_shadow"]
+    assert solution.stats.may_be_shadow
     assert solution.grade is Grade.ASSUMED
-    assert solution.stats["grade_reasons"][0] == "shadow"
+    assert solution.stats.grade_reasons[0] == "shadow"
     marked = (solution.quality & Quality.SHADOW) != 0
     assert marked[COVERED["ball"] > 0.2].mean() > 0.9
 
@@ -185,7 +185,7 @@ def test_sharp_dark_streak_is_solved_and_marked():
 def test_any_color_keeps_the_shadow_marked(solver):
     """honest: with unknown colors the grade stays assumed."""
     solution = solve(*shadow("textured", softness=3.0), ColorModel.any(), solver)
-    assert solution.stats["may_be_shadow"]
+    assert solution.stats.may_be_shadow
     assert solution.grade is Grade.ASSUMED
     assert doubts(solution)[0].startswith("Only light was lost: all of this may be a shadow")
 
@@ -194,7 +194,7 @@ def test_given_color_is_used_and_all_pixels_are_marked():
     """honest: a warning says that it may be a shadow; flags mark the pixels."""
     image, plate = shadow("colorful")
     solution = solve(image, plate, ColorModel.from_hex("#c03020"), Pixelwise())
-    assert solution.stats["may_be_shadow"]
+    assert solution.stats.may_be_shadow
     said = doubts(solution)
     assert len(said) == 1
     assert said[0].startswith("Only light was lost: all of this may be a shadow")

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import Quality, Solution
+from blurmatte.matting import Quality, Solution, SolutionStats
 
 
 @pytest.fixture
@@ -20,7 +20,9 @@ def solution():
         quality[5:15, 5:25] = 0
         quality[5, 5:25] = Quality.MISFIT
         model = ColorModel.from_hex("#ffffff")
-        return Solution(alpha, alpha, light, light, quality, model, "Pixelwise()", stats)
+        return Solution(
+            alpha, alpha, light, light, quality, model, "Pixelwise()", SolutionStats(**stats)
+        )
 
     return of
 

@@ -3,6 +3,8 @@
 import pytest
 
 from blurmatte.explain import alternatives_in_words, alternatives_of, explain
+from blurmatte.matting import Grade
+from blurmatte.matting.alternatives import Alternative
 
 OWN = {
     "name": "disc on an arc, one paint",
@@ -17,10 +19,12 @@ LIKELY = {**OWN, "name": "no shape, one paint", "hex": "#a04020", "alpha_factor"
           "weight": 0.1, "radius": None}  # fmt: skip
 UNLIKELY = {**OWN, "name": "ellipse on a cubic curve, two paints", "hex": "#905030",
             "alpha_factor": 0.7, "weight": 0.0}  # fmt: skip
+BOTH = Alternative(**OWN), Alternative(**LIKELY)
 
 
-def graded(solution, *alternatives, grade="assumed", scale=0.2):
-    return solution(grade=grade, alpha_scale_std=scale, alternatives=alternatives)
+def graded(solution, *alternatives, scale=0.2):
+    found = tuple(Alternative(**one) for one in alternatives)
+    return solution(grade=Grade.ASSUMED, alpha_scale_std=scale, alternatives=found)
 
 
 def test_colors_factors_and_interval(solution):
@@ -60,9 +64,9 @@ def test_equal_hypotheses_are_listed_but_not_named(solution):
 @pytest.mark.parametrize(
     "stats",
     [
-        {"grade": "confirmed", "alternatives": (OWN, LIKELY), "alpha_scale_std": 0.01},
-        {"grade": "assumed", "alpha_scale_std": 0.2},
-        {"alternatives": (OWN, LIKELY)},
+        {"grade": Grade.CONFIRMED, "alternatives": BOTH, "alpha_scale_std": 0.01},
+        {"grade": Grade.ASSUMED, "alpha_scale_std": 0.2},
+        {"alternatives": BOTH},
     ],
     ids=["confirmed", "none compared", "no grade"],
 )

@@ -6,6 +6,7 @@ import pytest
 from blurmatte.explain import explain, grade_in_words
 from blurmatte.matting import Grade
 from blurmatte.sweep.assess.calibration import REASONS as TERM_REASONS
+from blurmatte.sweep.assess.calibration import ErrorTerms
 
 REASONS = tuple(dict.fromkeys(name for name in TERM_REASONS.values() if name))
 
@@ -35,7 +36,7 @@ def test_missing_grade_has_no_sentence(solution):
 )
 def test_grade_with_errors_and_reasons(solution, grade, reasons, says):
     """Exact: the grade, its errors and its reasons."""
-    stats = {"grade": grade, "alpha_error": 0.0123, "alpha_scale_std": 0.02}
+    stats = {"grade": Grade(grade), "alpha_error": 0.0123, "alpha_scale_std": 0.02}
     graded = solution(**stats, grade_reasons=reasons)
     assert grade_in_words(graded) == [says]
     assert explain(graded)[0] == f"{says}."
@@ -43,25 +44,25 @@ def test_grade_with_errors_and_reasons(solution, grade, reasons, says):
 
 @pytest.mark.parametrize("grade", list(Grade))
 def test_grade_without_errors_has_a_sentence(solution, grade):
-    (said,) = grade_in_words(solution(grade=str(grade)))
+    (said,) = grade_in_words(solution(grade=grade))
     assert said.startswith(f"{grade}: ")
     assert len(said) > len(f"{grade}: ")
 
 
 @pytest.mark.parametrize("reason", REASONS)
 def test_every_reason_has_a_text(solution, reason):
-    (said,) = grade_in_words(solution(grade="assumed", grade_reasons=(reason,)))
+    (said,) = grade_in_words(solution(grade=Grade.ASSUMED, grade_reasons=(reason,)))
     assert len(said.split()) > 3
 
 
 def test_error_of_the_scale_is_stated_as_a_factor(solution):
-    (said,) = grade_in_words(solution(grade="assumed", alpha_scale_std=0.25))
+    (said,) = grade_in_words(solution(grade=Grade.ASSUMED, alpha_scale_std=0.25))
     assert said == "assumed: alpha is known up to a factor of 1 ± 0.25"
-    (said,) = grade_in_words(solution(grade="assumed", alpha_scale_std=0.0, alpha_error=0.08))
+    (said,) = grade_in_words(solution(grade=Grade.ASSUMED, alpha_scale_std=0.0, alpha_error=0.08))
     assert said == "assumed: alpha within 0.08"
 
 
-TERMS = {name: 0.0 for name in TERM_REASONS} | {"radius": np.log1p(4.0), "color_angle": np.log1p(7)}
+TERMS = ErrorTerms(radius=np.log1p(4.0), color_angle=np.log1p(7))
 
 
 def test_reasons_state_the_numbers_of_their_terms(solution):
@@ -69,7 +70,7 @@ def test_reasons_state_the_numbers_of_their_terms(solution):
     names = ("noise", "size", "color", "disagreement")
     (said,) = grade_in_words(
         solution(
-            grade="plausible",
+            grade=Grade.PLAUSIBLE,
             grade_reasons=names,
             error_terms=TERMS,
             claimed_error=0.03,

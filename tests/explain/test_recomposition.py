@@ -9,7 +9,7 @@ import blurmatte as bm
 from blurmatte.explain.recomposition import usable_all_the_same
 from blurmatte.matting.maps import PixelMaps
 
-NOISE = {"gain": (1e-5,) * 3, "read_std": (2e-3,) * 3, "relative_std": (0.0,) * 3}
+NOISE = bm.NoiseModel(gain=1e-5, read_std=2e-3)
 
 
 @pytest.fixture
@@ -26,7 +26,7 @@ def case():
     maps.alpha[...] = 2 * alpha
     maps.premultiplied[...] = light + alpha[..., None] * plate
     maps.quality[alpha == 0] = bm.Quality.OUTSIDE
-    stats = {"grade": "assumed", "image_noise": NOISE, "plate_noise": NOISE}
+    stats = bm.matting.SolutionStats(grade=bm.Grade.ASSUMED, image_noise=NOISE, plate_noise=NOISE)
     solution = bm.Solution(*maps, model=bm.ColorModel.any(), solver="", stats=stats)
     return bm.LinearImage(image), bm.LinearImage(plate), solution
 
@@ -43,8 +43,8 @@ def test_layer_that_does_not_give_back_the_image_is_not_called_usable(case):
     assert usable_all_the_same(image, plate, half) == []
 
 
-@pytest.mark.parametrize("change", [{"grade": "plausible"}, {"may_be_shadow": True}])
+@pytest.mark.parametrize("change", [{"grade": bm.Grade.PLAUSIBLE}, {"may_be_shadow": True}])
 def test_nothing_is_said_of_better_grades_and_shadows(case, change):
     image, plate, solution = case
-    stats = {**solution.stats, **change}
+    stats = replace(solution.stats, **change)
     assert usable_all_the_same(image, plate, replace(solution, stats=stats)) == []

@@ -7,6 +7,8 @@ import numpy as np
 from blurmatte.color import ColorModel
 from blurmatte.explain import explain
 from blurmatte.matting import Quality
+from blurmatte.matting.stats import MedianNoise
+from blurmatte.radiometry import NoiseModel
 
 
 def test_the_sum_of_alpha_is_an_area(solution):
@@ -45,6 +47,6 @@ def test_samples_name_their_pixels_as_the_source_of_error(solution):
 
 
 def test_noise_is_stated_at_medium_light(solution):
-    noise = {"gain": (0, 0, 0), "read_std": (0.002,) * 3, "relative_std": (0, 0, 0)}
-    said = explain(solution(image_noise=noise, plate_noise={"median_std": 0.001}))
+    noise = NoiseModel(read_std=0.002)
+    said = explain(solution(image_noise=noise, plate_noise=MedianNoise(0.001)))
     assert "Noise (std, white is 1): 0.002 in the image, 0.001 in the plate." in said

@@ -1,22 +1,31 @@
 """Sentences about sweeps."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
-from blurmatte.explain import doubts, explain, shape_is_likeliest
-from blurmatte.matting import Quality
+from blurmatte.explain import doubts, explain, likeliest_shape
+from blurmatte.matting import Quality, SolutionStats
+from blurmatte.matting.stats import ShadowSummary, SweepSummary
 from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.model.silhouette import DISC
 
 
 def disc_on_arc(**fields):
-    """Stats of a disc on an arc."""
-    sweep = {"path": "arc", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
-    sweep |= {"length": 177.0, "diagnostics": asdict(Diagnostics(residual_excess=1.13))}
-    return sweep | fields
+    """Of a disc on an arc, with other values in some fields."""
+    disc = SweepSummary(
+        silhouette="disc",
+        path="arc",
+        xy=(),
+        length=177.0,
+        radius=18.0,
+        radius_std=0.03,
+        outlines=(),
+        diagnostics=Diagnostics(residual_excess=1.13),
+    )
+    return replace(disc, **fields)
 
 
 def test_quality_of_fit_is_stated(solution):
@@ -47,11 +56,11 @@ def test_rejected_shape_explains_only_a_part(solution):
 
 
 def test_smaller_weight_of_a_shape_is_stated(solution):
-    shadow = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
+    shadow = ShadowSummary((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6))
     averaged = solution(sweep=disc_on_arc(shadow=shadow), weights=(0.2, 0.05, 0.75))
-    assert shape_is_likeliest(replace(averaged, solver="Swept()"))
+    assert likeliest_shape(replace(averaged, solver="Swept()"))
     smooth = replace(averaged, solver="Smooth()")
-    assert not shape_is_likeliest(smooth)
+    assert not likeliest_shape(smooth)
     assert (
         "Alpha without a shape explains the streak better: its weight is 0.75. The likeliest shape "
         "has 0.2: a disc of radius 18.00 ± 0.03 px on an arc of 177 px." in explain(smooth)
@@ -60,7 +69,7 @@ def test_smaller_weight_of_a_shape_is_stated(solution):
 
 
 def test_cast_shadow_is_described_without_a_warning(solution):
-    shadow = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
+    shadow = ShadowSummary((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6))
     solved = solution(sweep=disc_on_arc(shadow=shadow))
     assert (
         "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha."
@@ -71,7 +80,7 @@ def test_cast_shadow_is_described_without_a_warning(solution):
     assert any(
         "choose a region without it" in x for x in doubts(replace(solved, solver="Smooth()"))
     )
-    other = replace(solved, stats={"sweep": disc_on_arc(shadow=None)})
+    other = replace(solved, stats=SolutionStats(sweep=disc_on_arc()))
     assert any("choose a region without it" in words for words in doubts(other))
 
 

@@ -29,7 +29,7 @@ def solution_of(alpha, sweep):
     light = alpha[..., None] * RED.rgb[0]
     quality = np.zeros(alpha.shape, np.uint8)
     ones = np.full(alpha.shape, 0.01)
-    return Solution(alpha, ones, light, np.ones_like(light), quality, RED, "", {}, sweep)
+    return Solution(alpha, ones, light, np.ones_like(light), quality, RED, "", sweep=sweep)
 
 
 @pytest.mark.parametrize("sweep", [SWEEP, None], ids=["sweep", "moments"])

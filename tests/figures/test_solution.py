@@ -8,9 +8,12 @@ from blurmatte.figures import draw_overview
 from blurmatte.figures.drawing import Palette
 from blurmatte.figures.solution import _layout, _surroundings
 from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
+from blurmatte.matting.alternatives import Alternative
+from blurmatte.matting.stats import SweepSummary
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
 from blurmatte.streaks import Streak
+from blurmatte.sweep import Diagnostics
 from blurmatte.trajectory import Trajectory
 
 NOISE = NoiseModel(gain=1e-5, read_std=5e-4)
@@ -87,7 +90,7 @@ def test_crop_at_the_border_is_extended_on_the_other_side():
     _, _, solution = solved((400, 120), (390, 60), (399, 60))
     rows, columns = _surroundings(solution, _layout(solution))
     assert columns.stop == 400
-    left, _, right, _ = solution.stats["streak_box"]
+    left, _, right, _ = solution.stats.streak_box
     assert columns.stop - columns.start >= right - left + 2 * 4  # a rim for either side
     assert 0 < rows.start < rows.stop < 120
 
@@ -107,9 +110,10 @@ def test_warnings_are_highlighted():
 )
 def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
-    graded = {"grade": str(grade), "alpha_error": 0.034, "grade_reasons": ("color",)}
+    graded = {"grade": grade, "alpha_error": 0.034, "grade_reasons": ("color",)}
     written = texts(monkeypatch)
-    sheet = draw_overview(image, plate, replace(solution, stats={**solution.stats, **graded}))
+    stats = replace(solution.stats, **graded)
+    sheet = draw_overview(image, plate, replace(solution, stats=stats))
     (place,) = [box for words, box in written if words.startswith(f"{grade}: ")]
     left, top = int(place[0]) - 5, int(place[1])
     for color in (Palette.streak, Palette.warning):
@@ -120,8 +124,7 @@ def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
 def test_a_solution_without_a_grade_has_no_banner(monkeypatch):
     written = texts(monkeypatch)
     *pictures, solution = solved((120, 90), (30, 40), (80, 50))
-    stats = {name: value for name, value in solution.stats.items() if name != "grade"}
-    draw_overview(*pictures, replace(solution, stats=stats))
+    draw_overview(*pictures, replace(solution, stats=replace(solution.stats, grade=None)))
     assert not any(words.startswith(tuple(Grade)) for words, _ in written)
 
 
@@ -131,7 +134,7 @@ def alternatives(count, weight=0.2):
     own |= {"hex": "#aa5a27", "alpha_factor": 1.0, "name": "disc on an arc, one paint"}
     others = [{**own, "hex": f"#a0402{i}", "alpha_factor": 1.3 + i, "weight": weight}
               for i in range(1, count)]  # fmt: skip
-    return (own, *others)
+    return tuple(Alternative(**one) for one in (own, *others))
 
 
 @pytest.mark.parametrize("size", [(120, 90), (400, 60), (60, 400)])
@@ -139,16 +142,16 @@ def alternatives(count, weight=0.2):
 def test_alternatives_have_swatches(monkeypatch, size, count):
     """exact: each color with its factor of alpha below, in a row."""
     image, plate, solution = solved(size, (30, 30), (40, 40))
-    others = alternatives(count)
-    others[0]["hex"] = solution.model.color  # the answer has one color
-    stats = {"grade": "assumed", "alpha_scale_std": 0.2, "alternatives": others}
+    own, *others = alternatives(count)
+    others = replace(own, hex=solution.model.color), *others  # the answer has one color
+    stats = replace(solution.stats, grade=Grade.ASSUMED, alpha_scale_std=0.2, alternatives=others)
     written = texts(monkeypatch)
-    sheet = draw_overview(image, plate, replace(solution, stats={**solution.stats, **stats}))
+    sheet = draw_overview(image, plate, replace(solution, stats=stats))
     boxes, lefts = dict(written), []  # of the answer's color the last: it is named above, too
     for one in others:
-        left, top, _, _ = (round(edge) for edge in boxes[one["hex"]])
-        assert tuple(sheet[top - 30, left + 20]) == tuple(bytes.fromhex(one["hex"][1:]))
-        below = boxes[f"alpha x {one['alpha_factor']:.2f}"]
+        left, top, _, _ = (round(edge) for edge in boxes[one.hex])
+        assert tuple(sheet[top - 30, left + 20]) == tuple(bytes.fromhex(one.hex[1:]))
+        below = boxes[f"alpha x {one.alpha_factor:.2f}"]
         assert below[0] == pytest.approx(left, abs=3)
         assert top < below[1] < top + 60
         lefts.append(left)
@@ -158,23 +161,29 @@ def test_alternatives_have_swatches(monkeypatch, size, count):
     assert all(right <= 1800 - 40 for _, (_, _, right, _) in written)
 
 
-@pytest.mark.parametrize("grade", ["confirmed", None])
+@pytest.mark.parametrize("grade", [Grade.CONFIRMED, None])
 def test_confirmed_and_ungraded_solutions_have_no_swatches(monkeypatch, grade):
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
-    stats = {**solution.stats, "alternatives": alternatives(3)}
+    stats = replace(solution.stats, alternatives=alternatives(3), grade=grade)
     written = texts(monkeypatch)
-    graded = stats if grade is None else {**stats, "grade": grade}
-    draw_overview(image, plate, replace(solution, stats=graded))
+    draw_overview(image, plate, replace(solution, stats=stats))
     assert "WHAT ELSE FITS" not in [words for words, _ in written]
 
 
 def test_path_is_drawn_only_of_the_likeliest_hypothesis():
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
     corners = ((30.0, 60.0), (40.0, 60.0), (40.0, 70.0))
-    sweep = {"xy": ((30.0, 80.0), (80.0, 80.0)), "outlines": (corners, corners)}
-    sweep |= {"silhouette": "disc", "path": "line", "length": 50.0, "radius": 6.0}
-    sweep |= {"radius_std": 0.1, "diagnostics": {"residual_excess": 1.0}, "shadow": None}
-    stats = {**solution.stats, "sweep": sweep, "weights": (0.2, 0.8)}
+    sweep = SweepSummary(
+        silhouette="disc",
+        path="line",
+        xy=((30.0, 80.0), (80.0, 80.0)),
+        length=50.0,
+        radius=6.0,
+        radius_std=0.1,
+        outlines=(corners, corners),
+        diagnostics=Diagnostics(),
+    )
+    stats = replace(solution.stats, sweep=sweep, weights=(0.2, 0.8))
     bright = [
         np.count_nonzero(
             (draw_overview(image, plate, s)[700:900, 40:1000] == Palette.bright).all(-1)

@@ -8,8 +8,8 @@ import pytest
 
 import blurmatte as bm
 from blurmatte.files import read_path
-from blurmatte.files.documents import parse_toml
-from blurmatte.files.solutions import _read_stats
+from blurmatte.files.documents import parse_json, parse_toml
+from blurmatte.matting import SolutionStats
 from blurmatte.scenes import read_shots
 
 HUGE = "1" + "0" * 400
@@ -94,10 +94,24 @@ def test_evidence_of_a_color_model_is_finite(tmp_path, value):
     assert "evidence.hue must be a number from 0 to 1.79769e+308" in said
 
 
-def test_statistics_of_a_solution_are_within_the_range_of_floats():
-    """door: of an EXR's header, also those that no part of the package uses."""
-    with pytest.raises(ValueError, match=r"other\.0 must be a number from"):
-        _read_stats(f'{{"other": [{HUGE}]}}')
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("pixels", HUGE, "pixels must be less than or equal to 1000000000000"),
+        ("pixels", "1.5", "pixels must be a whole number"),
+        ("sum_alpha", "NaN", "sum_alpha must be less than or equal to 1000000000000"),
+        ("sum_alpha_std", "-1", "sum_alpha_std must be greater than or equal to 0"),
+        ("streak_box", "[1, 2, 3]", "streak_box.3 is missing"),
+        ("other_boxes", "[[1, 2, 3, 1e9]]", r"other_boxes\.0\.3 must be a whole number"),
+        ("plate_noise", '{"median_std": -1}', "plate_noise"),
+        ("grade", '"good"', "grade must be 'confirmed', 'plausible' or 'assumed'"),
+        ("weights", "[0.5, 2]", r"weights\.1 must be less than or equal to 1"),
+    ],
+)
+def test_statistics_of_a_solution_are_within_their_ranges(name, value, says):
+    """door: one wrong value of each kind, of an EXR's header."""
+    with pytest.raises(ValueError, match=says):
+        parse_json(f'{{"{name}": {value}}}', SolutionStats)
 
 
 @pytest.mark.parametrize(("reader", "fields"), READERS)

@@ -133,7 +133,6 @@ def solution(scenes):
         quality=(16 * (layer.alpha == 0)).astype(np.uint8),
         model=ColorModel.from_hex("#d8ff3c"),
         solver="Pixelwise()",
-        stats={},
     )
 
 

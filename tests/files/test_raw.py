@@ -302,7 +302,7 @@ def test_a_throw_in_raw_is_solved(solved):
     inside = solution.streak & solution.known
     rmse = np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[inside] ** 2))
     assert rmse < 0.01
-    assert solution.stats["sum_alpha"] == pytest.approx(truth.layer.alpha.sum(), rel=0.03)
+    assert solution.stats.sum_alpha == pytest.approx(truth.layer.alpha.sum(), rel=0.03)
     assert np.degrees(np.arccos(solution.model.pole @ truth.model.pole)) < 1
 
 

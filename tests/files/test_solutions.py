@@ -1,4 +1,5 @@
-from dataclasses import replace
+import json
+from dataclasses import fields, replace
 
 import numpy as np
 import OpenEXR
@@ -8,8 +9,55 @@ import pytest
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer, read_solution, write
-from blurmatte.matting import Grade, Quality, Solution
+from blurmatte.files.solutions import stats_to_mapping
+from blurmatte.matting import Grade, Quality, Solution, SolutionStats
+from blurmatte.matting.alternatives import Alternative
+from blurmatte.matting.smooth import SmoothSummary
+from blurmatte.matting.stats import MatchSummary, MedianNoise, ShadowSummary, SweepSummary
+from blurmatte.radiometry import NoiseModel
+from blurmatte.sweep import Diagnostics
+from blurmatte.sweep.assess.calibration import ErrorTerms
 
+STATS = SolutionStats(
+    pixels=600,
+    pixels_known=590,
+    pixels_misfit=3,
+    sum_alpha=123.25,
+    sum_alpha_std=2.5,
+    alpha_scale_std=0.01,
+    streak_box=(1, 2, 30, 20),
+    other_boxes=((1, 2, 3, 4), (5, 6, 7, 8)),
+    insignificant_others=2,
+    image_noise=NoiseModel((1e-5, 2e-5, 3e-5), 0.002, 0.01),
+    plate_noise=MedianNoise(0.003),
+    match=MatchSummary(
+        in_words="shifted", shift=(1.0, -0.5), agreement=1.01, edge_agreement=float("inf")
+    ),
+    may_be_shadow=True,
+    exposure_time=0.02,
+    readout="left",
+    sweep=SweepSummary(
+        silhouette="disc",
+        path="arc",
+        xy=((0.1, 1 / 3), (2.0, 3.0)),
+        length=20.0,
+        radius=5.0,
+        radius_std=0.1,
+        outlines=(((0.0, 1.0), (2.0, 3.0)), ()),
+        diagnostics=Diagnostics(converged=False, residual_excess=1.1),
+        shadow=ShadowSummary((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6)),
+    ),
+    smooth=SmoothSummary(2, 0.5, 12, converged=True),
+    sum_shadow=-4.5,
+    weights=(0.9, 0.1),
+    shape_log_odds=(-float("inf"), 1e-5),
+    alternatives=(Alternative("one", (0.1, 0.2, 0.3), "#808080", 0.9, 1.0, 0.0, None),),
+    claimed_error=0.02,
+    error_terms=ErrorTerms(radius=0.1),
+    grade_reasons=("color", "noise"),
+    grade=Grade.PLAUSIBLE,
+    alpha_error=0.031,
+)
 ARRAYS = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
 
 
@@ -22,7 +70,6 @@ def solution():
     std[3, 4] = np.inf  # where the plate shows an object color
     light = (alpha[..., None] * [0.7, 0.9, 0.1]).astype(np.float32)
     model = ColorModel(ColorModel.from_hex("#d8ff3c").basis, 1e-4 * np.eye(3), {"hue": np.inf})
-    stats = {"box": (1, 2, 30, 20), "noise": np.float32(0.25), "streaks": [(1, 2), (3, 4)], "n": 3}
     return Solution(
         alpha,
         std,
@@ -31,7 +78,7 @@ def solution():
         quality.astype(np.uint8),
         model,
         "Pixelwise()",
-        stats,
+        STATS,
     )
 
 
@@ -50,9 +97,31 @@ def test_solution_round_trips(path, solution):
     assert np.array_equal(back.model.covariance, solution.model.covariance)
     assert back.model.evidence == solution.model.evidence
     assert back.solver == "Pixelwise()"
-    assert back.stats == {
-        **{"box": (1, 2, 30, 20), "noise": 0.25, "streaks": ((1, 2), (3, 4)), "n": 3}
-    }
+    assert back.grade is Grade.PLAUSIBLE
+    assert back.stats == STATS
+    missing = [field.name for field in fields(STATS) if getattr(STATS, field.name) is None]
+    assert missing == []
+
+
+def test_numbers_that_do_not_apply_are_not_written():
+    """Exact: but for the exposure time, which is null if the image's file does not state it."""
+    assert list(stats_to_mapping(STATS)) == [field.name for field in fields(STATS)]
+    written = stats_to_mapping(SolutionStats(pixels=3))
+    assert written["exposure_time"] is None
+    assert "sum_alpha" not in written
+    assert [name for name, value in written.items() if value is None] == ["exposure_time"]
+
+
+def test_numbers_of_numpy_are_written_as_those_of_python():
+    """Exact: of each kind, and of 32 bits."""
+    found = SolutionStats(pixels=np.int64(3), sum_alpha=np.float32(0.25), may_be_shadow=np.True_)
+    assert json.dumps(stats_to_mapping(found)).startswith('{"pixels": 3, "sum_alpha": 0.25, ')
+
+
+def test_a_header_of_an_older_version_is_read(path):
+    """Exact: without numbers of this version, and with others."""
+    rewritten(path, "blurmatte:stats", '{"sum_alpha": 12.5, "older": {"x": 1}}')
+    assert read_solution(path).stats == SolutionStats(sum_alpha=12.5)
 
 
 def test_double_precision_is_stored_as_float32(tmp_path, solution):
@@ -101,15 +170,6 @@ def rewritten(path, name, text):
     target.close()
 
 
-def test_grade_and_calibrated_errors_round_trip(tmp_path, solution):
-    graded = {"grade": str(Grade.PLAUSIBLE), "grade_reasons": ["color", "noise"]}
-    graded |= {"alpha_error": 0.031, "alpha_scale_std": 0.043, "weights": [0.9, 0.1]}
-    write(tmp_path / "s.exr", replace(solution, stats=graded))
-    back = read_solution(tmp_path / "s.exr")
-    assert back.grade is Grade.PLAUSIBLE
-    assert back.stats == {**graded, "grade_reasons": ("color", "noise"), "weights": (0.9, 0.1)}
-
-
 def test_solution_with_a_sweep_of_an_older_version_is_rejected(path):
     rewritten(path, "blurmatte:sweep", '{"bulges": 0, "size": [32, 24]}')
     with pytest.raises(
@@ -133,9 +193,9 @@ def test_solution_is_written_as_exr_only(tmp_path, solution):
 
 
 def test_stats_that_are_not_data_raise_type_error(tmp_path, solution):
-    odd = Solution(
-        *(getattr(solution, name) for name in ARRAYS), solution.model, "", {"f": object()}
-    )
-    with pytest.raises(TypeError, match="stats must hold"):
+    odd = replace(solution, stats=SolutionStats(pixels=object()))
+    with pytest.raises(TypeError, match="must hold numbers"):
         write(tmp_path / "s.exr", odd)
     assert not list(tmp_path.iterdir())
+    with pytest.raises(TypeError, match="stats must be a SolutionStats, got dict"):
+        replace(solution, stats={"pixels": 3})

@@ -271,11 +271,11 @@ def test_a_single_solver_has_its_own_factor(solver, compressed):
     given, fitted = (graded_alone(one, solver, compressed, exact) for exact in (True, False))
     name = COMPRESSED if compressed else UNCOMPRESSED
     factor = fitted_calibration().solver_factor(solver, name, True)
-    assert given["claimed_error"] == pytest.approx(0.01)
-    assert given["alpha_error"] == pytest.approx(0.01 * factor)
-    assert 0.01 <= given["alpha_error"] <= fitted["alpha_error"]
-    assert given["grade"] is grade_of(given["alpha_error"], 0.0)
-    assert ("color" in fitted["grade_reasons"], "color" in given["grade_reasons"]) == (True, False)
+    assert given.claimed_error == pytest.approx(0.01)
+    assert given.alpha_error == pytest.approx(0.01 * factor)
+    assert 0.01 <= given.alpha_error <= fitted.alpha_error
+    assert given.grade is grade_of(given.alpha_error, 0.0)
+    assert ("color" in fitted.grade_reasons, "color" in given.grade_reasons) == (True, False)
 
 
 def test_each_class_of_files_has_its_own_factor():
@@ -317,10 +317,10 @@ def test_grade_includes_the_error_of_the_sum():
     """exact: its relative error is an error of the scale."""
     one = disc(14, std=0.01, sum_std=0.0)
     total = one.alpha.sum()
-    assert graded(one) == {"grade": Grade.CONFIRMED, "alpha_error": pytest.approx(0.01)}
-    assert graded(replace(one, sum_std=0.05 * total))["grade"] is Grade.PLAUSIBLE
-    assert graded(replace(one, sum_std=0.2 * total))["grade"] is Grade.ASSUMED
-    assert graded(replace(one, alpha_std=5 * one.alpha_std))["grade"] is Grade.PLAUSIBLE
+    assert graded(one) == (Grade.CONFIRMED, pytest.approx(0.01))
+    assert graded(replace(one, sum_std=0.05 * total))[0] is Grade.PLAUSIBLE
+    assert graded(replace(one, sum_std=0.2 * total))[0] is Grade.ASSUMED
+    assert graded(replace(one, alpha_std=5 * one.alpha_std))[0] is Grade.PLAUSIBLE
 
 
 def test_reasons_are_true_of_their_numbers():

@@ -31,12 +31,12 @@ def test_error_covers_the_alpha_of_a_possible_shadow(solver):
     off = (solution.alpha - truth.layer.alpha)[nothing]
     assert np.median(off) > 0.1
     assert np.mean(np.abs(off) < 2 * solution.alpha_std[nothing]) > 0.9
-    off_sum = solution.stats["sum_alpha"] - truth.layer.alpha.sum()
-    assert 0.5 < off_sum / solution.stats["sum_alpha_std"] < 1.5
+    off_sum = solution.stats.sum_alpha - truth.layer.alpha.sum()
+    assert 0.5 < off_sum / solution.stats.sum_alpha_std < 1.5
 
 
 def test_without_a_shadow_errors_are_those_of_the_solver():
     _, solution = solved(SCENE, Smooth())
     marked = (solution.quality & np.uint8(Quality.SHADOW)) != 0
     assert not marked.any()
-    assert solution.stats["sum_alpha_std"] < 0.02 * solution.stats["sum_alpha"]
+    assert solution.stats.sum_alpha_std < 0.02 * solution.stats.sum_alpha

@@ -171,7 +171,7 @@ def test_errors_of_any_colors_before_a_plain_plate_are_large():
     inside = (truth.layer.alpha > 0) & solution.known & solution.streak
     assert np.mean(inside[truth.layer.alpha > 0]) > 0.8
     off = (solution.alpha - truth.layer.alpha)[inside]
-    claimed = np.hypot(solution.alpha_std, solution.stats["alpha_scale_std"] * solution.alpha)
+    claimed = np.hypot(solution.alpha_std, solution.stats.alpha_scale_std * solution.alpha)
     assert 0.5 < np.sqrt(np.mean(off**2) / np.mean(claimed[inside] ** 2)) < 2
 
 
@@ -190,9 +190,9 @@ def test_the_sum_has_no_bias():
     for seed in range(8):
         truth, image, plate = taken("ball", "colorful", seed)
         stats = solve(image, plate, truth.model, Smooth()).stats
-        off = stats["sum_alpha"] - truth.layer.alpha.sum()
+        off = stats.sum_alpha - truth.layer.alpha.sum()
         biases.append(off / truth.layer.alpha.sum())
-        scores.append(off / stats["sum_alpha_std"])
+        scores.append(off / stats.sum_alpha_std)
     assert abs(np.mean(biases)) < 0.01
     assert np.std(biases) < 0.02
     assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.8
@@ -235,7 +235,7 @@ def test_has_the_largest_weight_where_no_shape_explains_the_streak():
     truth, image, plate = taken("tumbling sheet", "textured")
     solution = solve(image, plate, ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None]))
     assert solution.solver == repr(Smooth())
-    assert solution.stats["weights"][-1] > 0.99
+    assert solution.stats.weights[-1] > 0.99
     assert rmse(solution, truth) < 0.03
 
 
@@ -245,7 +245,7 @@ def test_warns_if_not_converged(monkeypatch):
     monkeypatch.setattr("blurmatte.matting.smooth_field._MAX_STEPS", 2)
     with pytest.warns(ConvergenceWarning, match="had not converged after 2 steps"):
         solution = solve(image, plate, truth.model, Smooth())
-    assert not solution.stats["smooth"]["converged"]
+    assert not solution.stats.smooth.converged
     assert np.isfinite(solution.alpha).all()
 
 

@@ -101,7 +101,7 @@ def test_only_the_surroundings_of_the_streak_are_solved(solved):
     height, width = solution.alpha.shape
     maps = PixelMaps(*(np.ones_like(m) for m in PixelMaps.zeros(height, width)))
     again = solve(image, plate, out=maps)
-    boxes = np.array([solution.stats["streak_box"], solution.sweep.box])
+    boxes = np.array([solution.stats.streak_box, solution.sweep.box])
     (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0) - 24, boxes[:, 2:].max(axis=0) + 24
     far = np.ones((height, width), bool)
     far[max(y0, 0) : y1, max(x0, 0) : x1] = False
@@ -127,27 +127,27 @@ def test_layer_over_the_plate_is_the_image(solved):
 def test_stats_describe_the_streak(solved, paint):
     stats, solution = solved[0].stats, solved[0]
     inside = solution.streak & solution.known
-    assert stats["pixels"] == np.count_nonzero(solution.streak)
-    assert stats["pixels_known"] == np.count_nonzero(inside)
+    assert stats.pixels == np.count_nonzero(solution.streak)
+    assert stats.pixels_known == np.count_nonzero(inside)
     misfit = (solution.quality & Quality.MISFIT) != 0
-    assert stats["pixels_misfit"] == np.count_nonzero(inside & misfit)
-    assert_allclose(stats["sum_alpha"], solution.alpha[inside].sum(dtype=float))
-    assert_allclose(stats["sum_alpha"], paint.layer.alpha.sum(), rtol=0.05)
-    assert stats["sweep"]["radius"] == pytest.approx(14, abs=3 * stats["sweep"]["radius_std"])
+    assert stats.pixels_misfit == np.count_nonzero(inside & misfit)
+    assert_allclose(stats.sum_alpha, solution.alpha[inside].sum(dtype=float))
+    assert_allclose(stats.sum_alpha, paint.layer.alpha.sum(), rtol=0.05)
+    assert stats.sweep.radius == pytest.approx(14, abs=3 * stats.sweep.radius_std)
     x0, _, _, y1 = find_streaks(*solved[1:])[0].box
-    assert stats["streak_box"][0] <= x0 + 1  # the sweep may reach further, where noise hides it
-    assert stats["streak_box"][3] >= y1 - 1
-    assert set(stats["image_noise"]) == {"gain", "read_std", "relative_std"}
+    assert stats.streak_box[0] <= x0 + 1  # the sweep may reach further, where noise hides it
+    assert stats.streak_box[3] >= y1 - 1
+    assert set(stats.image_noise) == {"gain", "read_std", "relative_std"}
 
 
 def test_alternatives_begin_with_the_answer(solved, paint):
     solution = solved[0]
-    own, *others = solution.stats["alternatives"]
+    own, *others = solution.stats.alternatives
     assert own["name"].startswith("disc on ")
     assert own["name"].endswith(", one paint")
     assert own["radius"] == solution.sweep.radius
     assert own["alpha_factor"] == pytest.approx(1, abs=0.01)
-    assert own["weight"] == max(solution.stats["weights"])
+    assert own["weight"] == max(solution.stats.weights)
     direction = np.array(own["rgb"]) / np.linalg.norm(own["rgb"])
     assert_allclose(direction, solution.model.pole, atol=1e-6)
     weights = [one["weight"] for one in (own, *others)]
@@ -164,7 +164,7 @@ def test_error_of_the_sum_is_honest(paint, plate_part):
         solution = solve(*pictures, paint.model, matching=Matching.NONE, start=start)
         start = start or solution.sweep
         truth = paint.layer.alpha[solution.streak & solution.known].sum()
-        z.append((solution.stats["sum_alpha"] - truth) / solution.stats["sum_alpha_std"])
+        z.append((solution.stats.sum_alpha - truth) / solution.stats.sum_alpha_std)
     assert abs(np.mean(z)) < 0.5
     assert 0.7 < np.std(z) < 1.3
 
@@ -182,7 +182,7 @@ def test_error_of_the_scale_is_honest(paint):
         pole = true + tangent @ rng.normal(0, std, 2)
         model = ColorModel(pole[:, None] / np.linalg.norm(pole), std**2 * tangent @ tangent.T)
         stats = pixelwise(model).stats
-        z.append((stats["sum_alpha"] / exact["sum_alpha"] - 1) / stats["alpha_scale_std"])
+        z.append((stats.sum_alpha / exact["sum_alpha"] - 1) / stats.alpha_scale_std)
     assert abs(np.mean(z)) < 0.5
     assert 0.7 < np.std(z) < 1.3
 
@@ -224,7 +224,7 @@ def test_stronger_motion_that_no_disc_explains_is_not_chosen(paint):
     assert hand.box[0] < 20 < 30 < ball.box[0]
     assert likeliest_streak(*with_noise(image, plate), [hand, ball]) is ball
     solution = solve(image, plate)
-    assert hand.box in solution.stats["other_boxes"]
+    assert hand.box in solution.stats.other_boxes
     off = (solution.alpha - paint.layer.alpha)[solution.streak]
     assert np.sqrt(np.mean(off**2)) < 0.003
 
@@ -251,7 +251,7 @@ def test_an_adjacent_object_is_flagged():
     solution = solve(image, plate)
     true = ball.layer.alpha
     assert root_mean_square((solution.alpha - true)[true > 0]) < 0.003
-    assert solution.stats["sum_alpha"] == pytest.approx(true.sum(), rel=0.02)
+    assert solution.stats.sum_alpha == pytest.approx(true.sum(), rel=0.02)
     opaque = (sheet.layer.alpha > 0.99) & (true == 0)
     assert np.mean((solution.quality[opaque] & Quality.MISFIT) != 0) > 0.9
     assert not solution.layer.alpha[opaque].any()
@@ -262,8 +262,8 @@ def test_a_given_color_selects_the_streak(paint):
     image = with_a_hand(image)
     hand, ball, *_ = find_streaks(image, plate)
     solution = solve(image, plate, paint.model, Pixelwise())
-    assert solution.stats["streak_box"] == ball.box
-    assert hand.box in solution.stats["other_boxes"]
+    assert solution.stats.streak_box == ball.box
+    assert hand.box in solution.stats.other_boxes
 
 
 def two_balls(paint):
@@ -279,9 +279,9 @@ def two_balls(paint):
 
 def test_of_two_balls_the_stronger_is_solved_unless_a_streak_is_given(paint):
     image, plate, orange = two_balls(paint)
-    assert solve(image, plate).stats["streak_box"][0] > 100
+    assert solve(image, plate).stats.streak_box[0] > 100
     solution = solve(image, plate, streak=orange)
-    assert solution.stats["streak_box"][0] < 100
+    assert solution.stats.streak_box[0] < 100
     off = (solution.alpha - paint.layer.alpha)[solution.streak]
     assert np.sqrt(np.mean(off**2)) < 0.003
 
@@ -290,7 +290,7 @@ def test_the_ball_of_another_color_is_not_solved_when_a_color_is_given(paint):
     image, plate, orange = two_balls(paint)
     solution = solve(image, plate, paint.model)
     assert_array_equal(solution.model.basis, paint.model.basis)
-    assert any(box[0] > 100 for box in solution.stats["other_boxes"])
+    assert any(box[0] > 100 for box in solution.stats.other_boxes)
     assert not solution.streak[:50, 160:].any()
     off = (solution.alpha - paint.layer.alpha)[orange.mask]
     assert np.sqrt(np.mean(off**2)) < 0.003
@@ -301,8 +301,8 @@ def test_objects_without_a_fitting_shape_are_assumed(paint):
     plate = taken(paint)[1]
     solution = solve(with_a_hand(plate), plate)
     assert solution.grade is Grade.ASSUMED
-    assert solution.stats["alpha_error"] > 0.05
-    assert solution.stats["grade_reasons"]
+    assert solution.stats.alpha_error > 0.05
+    assert solution.stats.grade_reasons
 
 
 def test_a_different_plate_warns_if_no_shape_fits(paint):
@@ -330,7 +330,7 @@ def root_mean_square(values):
 
 def claimed(solution):
     """(H, W) standard deviation of alpha, with that of its scale."""
-    return np.hypot(solution.alpha_std, solution.stats["alpha_scale_std"] * solution.alpha)
+    return np.hypot(solution.alpha_std, solution.stats.alpha_scale_std * solution.alpha)
 
 
 RENDERED = {
@@ -371,11 +371,11 @@ def test_balls_are_solved_without_a_color(answers, name):
     inside = truth.layer.alpha > 0
     rms = root_mean_square((solution.layer.alpha - truth.layer.alpha)[inside])
     assert rms < 0.02
-    assert rms < 2 * solution.stats["alpha_error"]
+    assert rms < 2 * solution.stats.alpha_error
     stats, true = solution.stats, truth.layer.alpha.sum()
-    claimed_sum = stats["sum_alpha_std"]
-    assert claimed_sum >= stats["alpha_scale_std"] * stats["sum_alpha"]
-    assert abs(stats["sum_alpha"] - true) < 3 * claimed_sum < 0.6 * true
+    claimed_sum = stats.sum_alpha_std
+    assert claimed_sum >= stats.alpha_scale_std * stats.sum_alpha
+    assert abs(stats.sum_alpha - true) < 3 * claimed_sum < 0.6 * true
 
 
 def test_claimed_errors_are_honest_over_scenes(answers):
@@ -391,11 +391,11 @@ def test_claimed_errors_are_honest_over_scenes(answers):
 def test_grade_is_that_of_the_claimed_error(answers):
     """exact: of every answer; each has a reason or is confirmed."""
     for _, solution in answers.values():
-        error = solution.stats["alpha_error"]
+        error = solution.stats.alpha_error
         limit = {Grade.CONFIRMED: 0.02, Grade.PLAUSIBLE: 0.05}.get(solution.grade, np.inf)
         assert error <= limit
-        assert solution.stats["grade"] == solution.grade
-        assert solution.grade is Grade.CONFIRMED or solution.stats["grade_reasons"]
+        assert solution.stats.grade == solution.grade
+        assert solution.grade is Grade.CONFIRMED or solution.stats.grade_reasons
     assert answers["tiles"][1].grade is Grade.CONFIRMED
 
 
@@ -418,7 +418,7 @@ def test_the_true_color_never_lowers_the_grade(kind, jpeg):
     order = list(Grade)  # the best first
     assert order.index(given.grade) <= order.index(free.grade)
     off = (given.alpha - truth.layer.alpha)[given.streak & given.known]
-    assert root_mean_square(off) < 2 * given.stats["alpha_error"]
+    assert root_mean_square(off) < 2 * given.stats.alpha_error
 
 
 @pytest.mark.parametrize(
@@ -430,19 +430,19 @@ def test_every_solver_has_a_grade_that_its_error_deserves(solver):
     off = (solution.alpha - truth.layer.alpha)[solution.streak & solution.known]
     stats = solution.stats
     limit = {Grade.CONFIRMED: 0.02, Grade.PLAUSIBLE: 0.05}.get(solution.grade, np.inf)
-    assert 0.999 * stats["claimed_error"] <= stats["alpha_error"] <= limit
+    assert 0.999 * stats.claimed_error <= stats.alpha_error <= limit
     if isinstance(solver, Shaded):  # of a ball, whose light is not constant
         assert solution.grade is Grade.ASSUMED
         return
-    assert root_mean_square(off) < 2 * stats["alpha_error"]
-    assert solution.grade is Grade.CONFIRMED or stats["grade_reasons"]
+    assert root_mean_square(off) < 2 * stats.alpha_error
+    assert solution.grade is Grade.CONFIRMED or stats.grade_reasons
 
 
 def test_weights_are_of_all_hypotheses(answers):
     """exact"""
     for _, solution in answers.values():
-        assert_allclose(sum(solution.stats["weights"]), 1)
-        assert min(solution.stats["weights"]) >= 0
+        assert_allclose(sum(solution.stats.weights), 1)
+        assert min(solution.stats.weights) >= 0
         assert solution.sweep is not None
 
 
@@ -460,11 +460,11 @@ def test_a_black_ball_is_solved_as_assumed():
     truth = render(scene, 160)
     shot = Shot(scene, Camera(code_std=1 / 255), plate_frames=3, seed=0)
     solution = solve(*shot.photograph(truth))
-    assert solution.stats["may_be_shadow"]
+    assert solution.stats.may_be_shadow
     assert solution.grade is Grade.ASSUMED
-    assert solution.stats["grade_reasons"][0] == "shadow"
+    assert solution.stats.grade_reasons[0] == "shadow"
     off = root_mean_square((solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0])
-    assert off < max(0.02, 2 * solution.stats["alpha_error"])
+    assert off < max(0.02, 2 * solution.stats.alpha_error)
 
 
 def test_the_result_is_deterministic(answers):
@@ -475,7 +475,7 @@ def test_the_result_is_deterministic(answers):
     again, (_, first) = solve(*pictures), answers["one hue"]
     assert_array_equal(again.alpha, first.alpha)
     assert_array_equal(again.alpha_std, first.alpha_std)
-    assert again.stats["weights"] == first.stats["weights"]
+    assert again.stats.weights == first.stats.weights
 
 
 # What may be given
@@ -487,8 +487,8 @@ def test_a_given_streak_is_used(paint):
     streak = Streak.from_box((30, 20, 90, 70), image.size)
     alone = solve(image, plate, paint.model, Pixelwise(), streak=streak)
     assert_array_equal(alone.streak, streak.mask)
-    assert alone.stats["streak_box"] == (30, 20, 90, 70)
-    assert alone.stats["other_boxes"] == ()
+    assert alone.stats.streak_box == (30, 20, 90, 70)
+    assert alone.stats.other_boxes == ()
     solution = solve(image, plate, paint.model, streak=streak)
     assert solution.streak[streak.mask].all()
     true = paint.layer.alpha
@@ -525,7 +525,7 @@ def test_plate_may_have_a_variance_map(paint):
     z = np.where(still, solution.alpha / solution.alpha_std, np.nan)
     for half in (z[:64], z[64:]):
         assert_allclose(np.nanstd(half), 1, atol=0.1)
-    assert_allclose(solution.stats["plate_noise"]["median_std"], np.sqrt(np.median(variance)))
+    assert_allclose(solution.stats.plate_noise.median_std, np.sqrt(np.median(variance)))
 
 
 def test_clipped_pixels_are_flagged_and_at_least_white(paint):
@@ -605,11 +605,11 @@ def test_a_small_object_in_a_jpeg_has_a_large_error(model):
     solution = solve(image, plate, model)
     assert solution.grade is Grade.ASSUMED
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
-    assert root_mean_square(off) < 2 * solution.stats["alpha_error"]
+    assert root_mean_square(off) < 2 * solution.stats.alpha_error
     with pytest.raises(ColorModelError, match="too few to determine a shape or a color"):
         fit_color(image, plate)
     given = solve(image, plate, truth.model)
-    assert given.stats["sum_alpha"] == pytest.approx(truth.layer.alpha.sum(), rel=0.1)
+    assert given.stats.sum_alpha == pytest.approx(truth.layer.alpha.sum(), rel=0.1)
 
 
 @pytest.mark.parametrize("bits", [8, 16, None])
@@ -716,7 +716,7 @@ def test_a_swung_ball_has_equal_radius_and_color_in_every_round(real_data):
         assert solution.sweep is not None
         middle = solution.sweep.trajectory.xy.mean(axis=0)
         assert np.linalg.norm(middle - (330, 265)) < 40
-        assert any(box[2] == frames[0].size[0] for box in solution.stats["other_boxes"])
+        assert any(box[2] == frames[0].size[0] for box in solution.stats.other_boxes)
         inside = solution.streak
         assert solution.alpha[inside].max() < 1.02
         assert np.mean((solution.quality[inside] & Quality.MISFIT) != 0) < 0.25  # the codec's noise
@@ -746,8 +746,8 @@ def flash(opacity, radius=12.0, size=(96, 80), contrast=0.12):
 def test_alpha_of_a_flash_is_its_part_of_the_exposure(opacity):
     image, plate, true = flash(opacity)
     solution = solve(image, plate)
-    total, std = solution.stats["sum_alpha"], solution.stats["sum_alpha_std"]
-    std = np.hypot(std, total * solution.stats["alpha_scale_std"])
+    total, std = solution.stats.sum_alpha, solution.stats.sum_alpha_std
+    std = np.hypot(std, total * solution.stats.alpha_scale_std)
     assert abs(total - true.sum()) < max(3 * std, 0.02 * total)
     core = true > 0.99 * opacity
     assert np.all(np.abs(solution.alpha - true)[core] < 3 * solution.alpha_std[core] + 0.01)
@@ -759,6 +759,6 @@ def test_a_flash_before_a_plain_wall_is_assumed_unless_its_color_is_given():
     image, plate, true = flash(0.4, contrast=0.0)
     open_ = solve(image, plate)
     assert open_.grade is Grade.ASSUMED
-    assert open_.stats["grade_reasons"][0] == "duration"
+    assert open_.stats.grade_reasons[0] == "duration"
     given = solve(image, plate, ColorModel.from_samples(np.array([[0.7, 0.3, 0.06]]), std=1e-3))
-    assert abs(given.stats["sum_alpha"] / true.sum() - 1) < 0.1
+    assert abs(given.stats.sum_alpha / true.sum() - 1) < 0.1

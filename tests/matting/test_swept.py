@@ -57,7 +57,7 @@ def test_a_ball_before_one_hue_is_confirmed(wall):
     assert solution.grade is Grade.CONFIRMED
     true, streak = truth.layer.alpha, truth.layer.alpha > 0
     assert np.sqrt(np.mean((solution.alpha - true)[streak] ** 2)) < 0.006
-    assert_allclose(solution.stats["sum_alpha"], true.sum(), rtol=0.01)
+    assert_allclose(solution.stats.sum_alpha, true.sum(), rtol=0.01)
     angle = np.degrees(np.arccos(min(solution.model.pole @ truth.model.pole, 1)))
     assert angle < 0.6
     error = np.abs(solution.premultiplied - truth.layer.premultiplied)[streak]
@@ -82,8 +82,8 @@ def test_unmodeled_shading_stays_within_the_claimed_error():
     solution = solve(*(p.with_noise(noise) for p in (truth.image, truth.plate)))
     true, stats = truth.layer.alpha, solution.stats
     assert_allclose(solution.alpha, true, atol=2e-3)
-    claimed = stats["sum_alpha_std"]
-    assert abs(stats["sum_alpha"] - true.sum()) < claimed
+    claimed = stats.sum_alpha_std
+    assert abs(stats.sum_alpha - true.sum()) < claimed
 
 
 @pytest.mark.battery
@@ -95,10 +95,10 @@ def test_errors_are_honest():
         solution = solve(image, plate, matching=Matching.NONE, start=start)
         start = start or solution.sweep
         total = truth.layer.alpha[solution.streak & solution.known].sum()
-        z_sum.append((solution.stats["sum_alpha"] - total) / solution.sum_std_without_factor)
+        z_sum.append((solution.stats.sum_alpha - total) / solution.sum_std_without_factor)
         core = truth.layer.alpha > 0.05
         off.append((solution.alpha - truth.layer.alpha)[core])
-        scale = solution.stats["alpha_scale_std"] * solution.alpha[core]
+        scale = solution.stats.alpha_scale_std * solution.alpha[core]
         claimed.append(np.hypot(solution.alpha_std[core], scale))
         light = (solution.premultiplied - truth.layer.premultiplied)[core]
         z_light.append(light / solution.premultiplied_std[core])
@@ -126,7 +126,7 @@ def test_occluder_is_found_and_alpha_continues_behind_it():
     assert marked[hidden & (behind > 0.1)].mean() > 0.9
     assert marked[~hidden].mean() < 0.001
     assert np.sqrt(np.mean((solution.alpha - behind)[marked] ** 2)) < 0.01
-    assert abs(solution.stats["sum_alpha"] / behind.sum() - 1) < 0.03
+    assert abs(solution.stats.sum_alpha / behind.sum() - 1) < 0.03
     assert not solution.layer.alpha[marked].any()
     assert np.isinf(solution.premultiplied_std[marked]).all()
     rest = (solution.layer.over(plate).rgb - image.rgb)[solution.streak]
@@ -149,7 +149,7 @@ def test_alpha_continues_behind_a_given_occluder(solver, most, columns):
     inside = hidden & (behind > 0.02)
     assert np.all((solution.quality[inside] & Quality.OCCLUDED) != 0)
     assert np.sqrt(np.mean((solution.alpha - behind)[inside] ** 2)) < most
-    assert abs(solution.stats["sum_alpha"] / behind.sum() - 1) < 0.02
+    assert abs(solution.stats.sum_alpha / behind.sum() - 1) < 0.02
     assert not solution.layer.alpha[hidden].any()
     assert not (solution.quality[~hidden] & Quality.OCCLUDED).any()
 
@@ -161,7 +161,7 @@ def test_pixelwise_alpha_behind_an_occluder_is_unknown():
     solution = solve(image, plate, truth.model, Pixelwise(), occluder=hidden)
     assert not solution.known[hidden].any()
     inside = solution.streak & solution.known
-    assert_allclose(solution.stats["sum_alpha"], solution.alpha[inside].sum(dtype=float), rtol=1e-5)
+    assert_allclose(solution.stats.sum_alpha, solution.alpha[inside].sum(dtype=float), rtol=1e-5)
 
 
 def test_rejects_occluders_that_are_no_masks(wall):
@@ -184,7 +184,7 @@ def test_edges_of_a_shifted_plate_are_not_occluders():
     solution = solve(image, moved, matching=Matching.NONE)
     assert solution.solver.startswith("Swept")
     inside = truth.layer.alpha > 0
-    assert solution.stats["match"]["edge_agreement"] > 2
+    assert solution.stats.match.edge_agreement > 2
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[inside] ** 2)) < 0.01
 
 
@@ -203,7 +203,7 @@ def test_many_colors_before_one_hue_are_solved_by_the_shape():
     solution = solve(image, plate)
     assert solution.grade is not Grade.CONFIRMED
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
-    assert np.sqrt(np.mean(off**2)) < min(0.02, 2 * solution.stats["alpha_error"])
+    assert np.sqrt(np.mean(off**2)) < min(0.02, 2 * solution.stats.alpha_error)
 
 
 @pytest.mark.parametrize(
@@ -240,7 +240,7 @@ def test_other_shapes_are_found():
     """honest"""
     truth, image, plate = taken(Scene(WALL, PATH, star_sprite(30, ORANGE)), 1)
     solution = solve(image, plate)
-    assert solution.stats["sweep"]["silhouette"].startswith("outline of")
+    assert solution.stats.sweep.silhouette.startswith("outline of")
     assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha)[solution.streak] ** 2)) < 0.03
 
 
@@ -294,7 +294,7 @@ def test_a_wrong_color_is_solved_as_assumed(wall, solver):
     assert solution.grade is Grade.ASSUMED
     assert solution.sweep.rejection
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
-    assert np.sqrt(np.mean(off**2)) < 2 * solution.stats["alpha_error"]
+    assert np.sqrt(np.mean(off**2)) < 2 * solution.stats.alpha_error
 
 
 @pytest.mark.battery
@@ -370,7 +370,7 @@ def test_errors_with_chroma_subsampling_are_honest(known):
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
     rms = np.sqrt(np.mean(off**2))
     assert rms < 0.03
-    assert rms < 2 * solution.stats["alpha_error"]
+    assert rms < 2 * solution.stats.alpha_error
 
 
 def over(truth, seed, light, alpha):
@@ -405,7 +405,7 @@ def test_a_highlight_is_no_occluder():
     image, plate = Shot(truth.scene, CAMERA, plate_frames=3, seed=1).photograph(truth)
     model = ColorModel.from_samples(lime, std=0.001)
     solution = solve(image, plate, model, Swept())
-    assert solution.stats["pixels_misfit"] > 300
+    assert solution.stats.pixels_misfit > 300
     assert np.abs(solution.alpha - truth.layer.alpha).max() < 0.15
 
 

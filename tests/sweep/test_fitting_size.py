@@ -140,14 +140,14 @@ def test_the_sum_of_alpha_is_the_same_at_every_size_within_its_error(wide, monke
     truth, (image, plate) = wide
     monkeypatch.setattr(fitting_size, "MAX_FITTED_WIDTH_PX", width)
     solution = solve(image, plate)
-    total, error = (float(solution.stats[n]) for n in ("sum_alpha", "sum_alpha_std"))
-    scale = float(solution.stats["alpha_scale_std"])
+    total, error = solution.stats.sum_alpha, solution.stats.sum_alpha_std
+    scale = solution.stats.alpha_scale_std
     true = truth.layer.alpha
     assert abs(total - true.sum()) < 3 * np.hypot(error, scale * total)
     assert np.hypot(error / total, scale) < 0.05
     inside = true > 0
     rmse = np.sqrt(np.mean((solution.alpha - true)[inside] ** 2))
-    assert rmse < 2 * solution.stats["alpha_error"]
+    assert rmse < 2 * solution.stats.alpha_error
     assert solution.sweep is not None
     assert abs(solution.sweep.radius - 17.0) < 4 * solution.sweep.radius_std
     assert abs(solution.sweep.length - 82.4) < 1.0

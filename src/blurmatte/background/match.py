@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -148,19 +147,6 @@ class Match:
             if self.bands is not None:
                 parts.append(self.bands.in_words(self.size))
         return ", ".join(parts) or "plate as it is"
-
-    @property
-    def facts(self) -> dict[str, Any]:
-        """The match as plain numbers and words, for a report."""
-        return {
-            "in_words": self.in_words,
-            "shift": self.shift,
-            "shift_std": self.shift_std,
-            "angle": self.angle,
-            "gain": self.gain,
-            "gain_std": tuple(map(float, self.light_std[0])),
-            "offset": tuple(map(float, self.light[1])),
-        }
 
     def apply(self, plate: LinearImage) -> LinearImage:
         """The plate under this homography and light, interpolated by cubic splines.

@@ -125,11 +125,13 @@ def _of_noise(noise: bm.NoiseModel) -> Answer:
 
 
 def _of_solution(solution: bm.Solution) -> Answer:
-    words = bm.explain(solution)
+    from blurmatte.files.solutions import stats_to_mapping
+
+    words, stats = bm.explain(solution), stats_to_mapping(solution.stats)
     lines = [str(solution), f"solver: {solution.solver}", in_degrees(solution.model), *words]
-    lines += _named(solution.stats)
+    lines += _named(stats)
     lines.append("every digit, and the points: stats in report.json")
-    numbers = {"size": solution.size, "solver": solution.solver, "stats": solution.stats}
+    numbers = {"size": solution.size, "solver": solution.solver, "stats": stats}
     model = color_numbers(solution.model)
     return lines, {"kind": "solution", **numbers, "model": model, "in_words": words}
 
@@ -139,7 +141,7 @@ def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
     for name, value in stats.items():
         if isinstance(value, Mapping):
             yield from _named(value, f"{of}{name}.")
-        elif isinstance(value, tuple) and value and isinstance(value[0], Mapping):
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
             yield from _named({str(k): part for k, part in enumerate(value, 1)}, f"{of}{name}.")
         else:
             yield f"{of}{name}: {_short(value)}"
@@ -147,9 +149,9 @@ def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
 
 def _short(value: Any) -> str:
     """A value as text: six digits; of arrays of points, their number."""
-    if isinstance(value, tuple) and np.ndim(value) > 1 and np.shape(value)[-1] == 2:
+    if isinstance(value, list) and np.ndim(value) > 1 and np.shape(value)[-1] == 2:
         return f"{' x '.join(map(str, np.shape(value)[:-1]))} points"
-    if isinstance(value, tuple):
+    if isinstance(value, list):
         between = "; " if np.ndim(value) > 1 else ", "
         return between.join(map(_short, value)) or "none"
     if isinstance(value, float):

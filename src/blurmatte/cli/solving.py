@@ -160,9 +160,7 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Sol
                 matching=bm.background.Matching.NONE,
                 occluder=hidden,
             )
-        agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
-        stats = {**solution.stats, "match": {**match.facts, **agreed}}
-        solution = replace(solution, stats=stats)
+        solution = replace(solution, stats=solution.stats.with_match(match))
         for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
             said.append(f"{path}: {doubt.rstrip('.')}")
             warn(said[-1])
@@ -363,5 +361,5 @@ def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Pat
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
     stats = solution.stats
-    lines += _also_moved(stats.get("other_boxes", ()), stats.get("insignificant_others", 0))
+    lines += _also_moved(stats.other_boxes, stats.insignificant_others)
     return [*lines, str(folder / "overview.png")]

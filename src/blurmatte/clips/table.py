@@ -82,10 +82,10 @@ class FrameRecord:
             radius_std=None if sweep is None else float(sweep.radius_std),
             length=None if sweep is None else float(sweep.length),
             sum_alpha=float(solution.alpha[inside].sum(dtype=float)),
-            sum_alpha_std=float(solution.stats["sum_alpha_std"]),
+            sum_alpha_std=solution.stats.sum_alpha_std,
             color=solution.model.color,
             grade=str(solution.grade),
-            alpha_error=float(solution.stats["alpha_error"]),
+            alpha_error=solution.stats.alpha_error,
             box=None if whole.empty else whole.box,
             layer=layer,
             doubts="" if row.sighting is None else row.sighting.doubts,
@@ -145,10 +145,10 @@ class PictureRecord:
         """The record of a solution, without the names of files."""
         stats = solution.stats
         record = cls(
-            grade=str(solution.grade) if "grade" in stats else "",
-            alpha_error=stats.get("alpha_error"),
-            sum_alpha=stats.get("sum_alpha"),
-            sum_alpha_std=stats.get("sum_alpha_std"),
+            grade=str(stats.grade or ""),
+            alpha_error=stats.alpha_error,
+            sum_alpha=stats.sum_alpha,
+            sum_alpha_std=stats.sum_alpha_std,
             color=solution.model.color,
         )
         try:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from blurmatte.explain.numbers import rounded_std
-from blurmatte.explain.sweep import shape_is_likeliest
+from blurmatte.explain.sweep import likeliest_shape
 from blurmatte.matting.maps import Quality
 from blurmatte.matting.solution import Solution
 
@@ -32,14 +32,15 @@ def doubts(solution: Solution) -> list[str]:
     inside = solution.quality[solution.streak]
     if not inside.size:
         return []
-    if solution.stats.get("may_be_shadow", False):
+    if solution.stats.may_be_shadow:
         return [_ALL_SHADOW]
     unknown = ~solution.known[solution.streak]
     shares = {
         flag: float(np.mean(((inside & flag) != 0) & (unknown | (flag != Quality.SATURATED))))
         for flag in _REMEDY
     }
-    if shape_is_likeliest(solution) and solution.stats["sweep"].get("shadow") is not None:
+    shape = likeliest_shape(solution)
+    if shape is not None and shape.shadow is not None:
         del shares[Quality.SHADOW]  # `sweep_in_words` describes the object's own
     said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
             if share > _MIN_FLAGGED_FRACTION]  # fmt: skip
@@ -47,7 +48,7 @@ def doubts(solution: Solution) -> list[str]:
 
 
 def _no_object(solution: Solution) -> list[str]:
-    total = solution.stats.get("sum_alpha")
+    total = solution.stats.sum_alpha
     std = solution.sum_std_without_factor
     if total is None or total > 3 * std:
         return []  # a common factor of alpha that is open makes no object disappear

@@ -1,14 +1,13 @@
 """The accuracy of alpha: grade, error, its main causes, and other colors that fit a streak."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
+from blurmatte.matting.stats import SolutionStats
 
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
@@ -38,10 +37,10 @@ def grade_in_words(solution: Solution) -> list[str]:
     Sentences without a full stop; none if the solution has no grade, e.g. of an older file.
     """
     stats = solution.stats
-    if "grade" not in stats:
+    if stats.grade is None:
         return []
-    grade, known = solution.grade, ", ".join(_errors(stats, solution.grade))
-    names = () if grade is Grade.CONFIRMED else stats.get("grade_reasons", ())
+    grade, known = stats.grade, ", ".join(_errors(stats, stats.grade))
+    names = () if grade is Grade.CONFIRMED else stats.grade_reasons
     reasons = ", and ".join(f"{_REASONS.get(name, name)}{_number(name, stats)}" for name in names)
     said = {
         Grade.CONFIRMED: [known],
@@ -51,27 +50,27 @@ def grade_in_words(solution: Solution) -> list[str]:
     return [f"{grade}: {'; '.join(filter(None, said)) or _WITHOUT_NUMBERS[grade]}"]
 
 
-def _number(name: str, stats: Mapping[str, Any]) -> str:
+def _number(name: str, stats: SolutionStats) -> str:
     """The number behind a reason, with a space before it; empty without the terms of the error."""
-    terms, claim = stats.get("error_terms"), stats.get("claimed_error")
+    terms, claim = stats.error_terms, stats.claimed_error
     if terms is None or claim is None:
         return ""
-    weights = sorted(stats.get("weights", (1.0,)))
+    weights = sorted(stats.weights or (1.0,))
     numbers = {
         "noise": lambda: f" (error {claim:.2g})",
-        "shape": lambda: f" (by {claim * math.expm1(terms['shapeless']):.2g})",
-        "color": lambda: f" (± {math.expm1(terms['color_angle']):.2g}°)",
-        "colors": lambda: f" (by {math.degrees(terms['color_spread']):.2g}°)",
-        "size": lambda: f" (± {math.expm1(terms['radius']):.2g} %)",
-        "correlation": lambda: f" ({math.exp(terms['correlation']):.2g} times the variance)",
+        "shape": lambda: f" (by {claim * math.expm1(terms.shapeless):.2g})",
+        "color": lambda: f" (± {math.expm1(terms.color_angle):.2g}°)",
+        "colors": lambda: f" (by {math.degrees(terms.color_spread):.2g}°)",
+        "size": lambda: f" (± {math.expm1(terms.radius):.2g} %)",
+        "correlation": lambda: f" ({math.exp(terms.correlation):.2g} times the variance)",
         "disagreement": lambda: f" (weight {weights[-2]:.2g})" if len(weights) > 1 else "",
     }
     return numbers[name]() if name in numbers else ""
 
 
-def _errors(stats: Mapping[str, Any], grade: Grade) -> list[str]:
+def _errors(stats: SolutionStats, grade: Grade) -> list[str]:
     """Errors of alpha and of its sum, one standard deviation each."""
-    error, scale = stats.get("alpha_error"), stats.get("alpha_scale_std")
+    error, scale = stats.alpha_error, stats.alpha_scale_std
     said = []
     if grade is Grade.ASSUMED and scale:
         said.append(f"alpha is known up to a factor of 1 ± {scale:.2g}")
@@ -83,13 +82,13 @@ def _errors(stats: Mapping[str, Any], grade: Grade) -> list[str]:
 
 
 def alternatives_of(solution: Solution) -> list[Alternative]:
-    """The hypotheses of `stats["alternatives"]`, the answer's own first, in the color of the answer.
+    """The hypotheses of `stats.alternatives`, the answer's own first, in the color of the answer.
 
     None if the grade is confirmed, or if none were compared.
     """
-    if solution.grade is Grade.CONFIRMED or "grade" not in solution.stats:
+    if solution.stats.grade in (None, Grade.CONFIRMED):
         return []
-    found = [Alternative(**one) for one in solution.stats.get("alternatives", ())]
+    found = list(solution.stats.alternatives or ())
     if found and solution.model.color:
         found[0] = replace(found[0], hex=solution.model.color)
     return found
@@ -117,7 +116,7 @@ def factor_interval(solution: Solution) -> list[str]:
     By one standard deviation of the calibrated error, and over the hypotheses.
     """
     found = alternatives_of(solution)
-    std = solution.stats.get("alpha_scale_std", 0.0)
+    std = solution.stats.alpha_scale_std or 0.0
     ends = [(max(1 - std, 0.0), 1 + std, "by one standard deviation")] if std > 0 else []
     if len(found) > 1:
         factors = [1.0, *(one.alpha_factor for one in found)]

@@ -5,15 +5,11 @@ picture. So a layer whose alpha is off by a factor gives back the image, and wha
 is its measure.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
-from blurmatte.checks import Floats
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry import LinearImage
 
 _MAX_RESIDUAL_STD = 3.0  # root mean square over the streak, in standard deviations of the noise
 
@@ -23,9 +19,9 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
 
     image, plate: what was solved, of the size of the solution.
     """
-    if "grade" not in solution.stats or solution.grade is not Grade.ASSUMED:
+    if solution.stats.grade is not Grade.ASSUMED:
         return []
-    if solution.stats.get("may_be_shadow", False) or not _gives_back(image, plate, solution):
+    if solution.stats.may_be_shadow or not _gives_back(image, plate, solution):
         return []
     return [
         "over the same plate the layer gives back the picture, so that edits there and `remove` are "
@@ -42,15 +38,6 @@ def _gives_back(image: LinearImage, plate: LinearImage, solution: Solution) -> b
     C, B = image.rgb[inside], plate.rgb[inside]
     given = layer.premultiplied[inside] + (1 - layer.alpha[inside])[:, None] * B
     square = float(np.mean((given - C) ** 2, dtype=float))
-    stats = solution.stats
-    noise = _variance(stats.get("image_noise"), C) + _variance(stats.get("plate_noise"), B)
+    pairs = (solution.stats.image_noise, C), (solution.stats.plate_noise, B)
+    noise = sum(float(own.variance(light).mean()) for own, light in pairs if own is not None)
     return square <= _MAX_RESIDUAL_STD**2 * noise
-
-
-def _variance(noise: Mapping[str, Any] | None, light: Floats) -> float:
-    """Mean variance of the noise of `Solution.stats` at some light (n, 3)."""
-    if noise is None:
-        return 0.0
-    if "median_std" in noise:
-        return float(noise["median_std"]) ** 2
-    return float(NoiseModel(**noise).variance(light).mean())

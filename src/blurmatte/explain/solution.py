@@ -1,8 +1,7 @@
 """A solution in words: its explanation, the sum of alpha, and the evidence against it."""
 
 import math
-from collections.abc import Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import sweep_in_words
 from blurmatte.matting.maps import Quality
 from blurmatte.matting.solution import Solution
+from blurmatte.matting.stats import MatchSummary, MedianNoise
 from blurmatte.radiometry import NoiseModel
 
 _MEDIUM_LIGHT = np.full(3, 0.2)
@@ -34,39 +34,39 @@ def solution_in_words(solution: Solution) -> Iterator[str]:
     yield from doubts(solution)
     yield f"Alpha up to {alpha_peak(solution):.2f}."
     yield from sweep_in_words(solution)
-    if smooth := stats.get("smooth"):
-        what = "change little" if smooth["order"] == 1 else "bend little"
-        settled = "" if smooth["converged"] else " It had not settled yet: take a little care."
+    if stats.smooth is not None:
+        what = "change little" if stats.smooth.order == 1 else "bend little"
+        settled = "" if stats.smooth.converged else " It had not settled yet: take a little care."
         yield f"All pixels were solved together, as alpha seems to {what} but for edges.{settled}"
-    if stats.get("sum_alpha") is not None:
-        yield from _area(solution)
-    if match := stats.get("match"):
-        yield _match(match)
-    noise = [
-        f"{_noise_std(stats[f'{name}_noise']):.2g} in the {name}"
-        for name in ("image", "plate")
-        if f"{name}_noise" in stats
+    if stats.sum_alpha is not None:
+        yield from _area(solution, stats.sum_alpha)
+    if stats.match is not None:
+        yield _match(stats.match)
+    said = [
+        f"{_noise_std(noise):.2g} in the {name}"
+        for name, noise in (("image", stats.image_noise), ("plate", stats.plate_noise))
+        if noise is not None
     ]
-    if noise:
-        yield f"Noise (std, white is 1): {', '.join(noise)}."
+    if said:
+        yield f"Noise (std, white is 1): {', '.join(said)}."
     yield _flags(solution)
-    if count := len(stats.get("other_boxes", ())):
+    if count := len(stats.other_boxes):
         yield f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."
 
 
-def _area(solution: Solution) -> Iterator[str]:
+def _area(solution: Solution, total: float) -> Iterator[str]:
     """The sum of alpha, and what it lacks."""
-    total = solution.stats["sum_alpha"]
-    std = solution.stats.get("sum_alpha_std", 0.0)
+    stats = solution.stats
+    std = stats.sum_alpha_std or 0.0
     said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
-    opacity = solution.stats.get("sweep", {}).get("opacity", 1.0)
+    opacity = 1.0 if stats.sweep is None else stats.sweep.opacity
     if total > 3 * std and opacity == 1:
         radius = math.sqrt(total / math.pi)
         error = rounded_std(std / (2 * math.pi * radius))
         said += ": the area of the silhouette in pixels, whatever the motion; "
         said += f"of a disc, the radius would be {radius:.1f} ± {error}"
     yield said + "."
-    unknown = solution.stats.get("pixels", 0) - solution.stats.get("pixels_known", 0)
+    unknown = (stats.pixels or 0) - (stats.pixels_known or 0)
     if unknown:
         yield f"{unknown} pixels of the streak are unknown and not in the sum."
     if _touches_border(solution):
@@ -83,26 +83,24 @@ def _condition(model: ColorModel) -> str:
 
 
 def _touches_border(solution: Solution) -> bool:
-    x0, y0, x1, y1 = solution.stats.get("streak_box", (1, 1, 1, 1))
+    x0, y0, x1, y1 = solution.stats.streak_box or (1, 1, 1, 1)
     width, height = solution.size
     return bool(min(x0, y0) == 0 or x1 == width or y1 == height)
 
 
-def _match(match: Mapping[str, Any]) -> str:
+def _match(match: MatchSummary) -> str:
     """The correction of the plate to match the image, and their agreement."""
-    what = f"The plate was matched to the image: {match['in_words']}"
-    if match["in_words"] == "plate as it is":
+    what = f"The plate was matched to the image: {match.in_words}"
+    if match.in_words == "plate as it is":
         what = "The plate was used as it is"
     return (
-        f"{what}; where nothing moved, they agree to {match['agreement']:.2g} times their noise, at "
-        f"edges to {match['edge_agreement']:.2g}."
+        f"{what}; where nothing moved, they agree to {match.agreement:.2g} times their noise, at "
+        f"edges to {match.edge_agreement:.2g}."
     )
 
 
-def _noise_std(fields: Mapping[str, Any]) -> float:
-    if "median_std" in fields:
-        return float(fields["median_std"])
-    return float(np.sqrt(NoiseModel(**fields).variance(_MEDIUM_LIGHT).mean()))
+def _noise_std(noise: NoiseModel | MedianNoise) -> float:
+    return float(np.sqrt(noise.variance(_MEDIUM_LIGHT).mean()))
 
 
 def _flags(solution: Solution) -> str:

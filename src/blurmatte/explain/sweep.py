@@ -1,12 +1,12 @@
 """A fitted shape and path in words, and how well they explain the streak."""
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from blurmatte.explain.numbers import rounded_std, with_error
 from blurmatte.matting.solution import Solution
+from blurmatte.matting.stats import SweepSummary
 
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
 _MAX_KNOWN_STD = 0.1  # of a part of the exposure that is worth a number
@@ -14,40 +14,35 @@ _PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bou
 _VERBS = {"turning": "turns", "changing": "changes"}  # of silhouettes, by their names
 
 
-def shape_is_likeliest(solution: Solution) -> bool:
-    """True if a shape on a path was fitted and no alpha without a shape has a larger weight."""
-    return "sweep" in solution.stats and not solution.solver.startswith("Smooth")
+def likeliest_shape(solution: Solution) -> SweepSummary | None:
+    """The fitted shape on a path, unless alpha without a shape has a larger weight."""
+    return None if solution.solver.startswith("Smooth") else solution.stats.sweep
 
 
 def sweep_in_words(solution: Solution) -> list[str]:
     """The likeliest shape on a path, and whether it explains the streak; none if none was fitted."""
-    sweep = solution.stats.get("sweep")
+    sweep = solution.stats.sweep
     if sweep is None:
         return []
-    if not shape_is_likeliest(solution):
-        return _outweighed(sweep, solution.stats["weights"])
-    said, softness, shadow = (
-        _explained(sweep, solution),
-        sweep.get("softness", 0),
-        sweep.get("shadow"),
-    )
-    said += _presence(sweep)
-    if softness >= _MIN_BLUR_PX:
+    if likeliest_shape(solution) is None:
+        return _outweighed(sweep, solution.stats.weights or (0.0,))
+    said = [*_explained(sweep, solution), *_presence(sweep)]
+    if sweep.softness >= _MIN_BLUR_PX:
         said.append(
-            f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."
+            f"The lens blurs its rim by {sweep.softness:.1f} px: it was not in focus as the plate is."
         )
-    if shadow is not None:
-        away = float(np.hypot(*shadow["offset"]))
-        taken = f"{100 * float(np.mean(shadow['strength'])):.0f} %"
+    if sweep.shadow is not None:
+        away = float(np.hypot(*sweep.shadow.offset))
+        taken = f"{100 * float(np.mean(sweep.shadow.strength)):.0f} %"
         said.append(
             f"Its shadow, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
         )
     return said
 
 
-def _presence(sweep: Mapping[str, Any]) -> list[str]:
+def _presence(sweep: SweepSummary) -> list[str]:
     """For how much of the exposure an object at rest was there, unless for all of it."""
-    opacity, std = sweep.get("opacity", 1.0), sweep.get("opacity_std", 0.0)
+    opacity, std = sweep.opacity, sweep.opacity_std
     if opacity == 1:
         return []
     fraction = with_error(opacity, std)
@@ -61,7 +56,7 @@ def _presence(sweep: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _outweighed(sweep: Mapping[str, Any], weights: Sequence[float]) -> list[str]:
+def _outweighed(sweep: SweepSummary, weights: Sequence[float]) -> list[str]:
     """The case in which alpha without a shape has a larger weight."""
     shape = _shape_on_path(sweep)
     return [
@@ -70,12 +65,12 @@ def _outweighed(sweep: Mapping[str, Any], weights: Sequence[float]) -> list[str]
     ]
 
 
-def _explained(sweep: Mapping[str, Any], solution: Solution) -> list[str]:
+def _explained(sweep: SweepSummary, solution: Solution) -> list[str]:
     """How well the shape explains the streak."""
     shape = _shape_on_path(sweep)
     if solution.sweep is not None and solution.sweep.rejection:
         return [f"{shape} explains the streak only in part: the fit {solution.sweep.rejection}."]
-    excess = sweep["diagnostics"]["residual_excess"]
+    excess = sweep.diagnostics.residual_excess
     said = [
         f"{shape} explains the streak; residuals in it are correlated {excess:.2g} times as much as "
         "noise."
@@ -85,10 +80,10 @@ def _explained(sweep: Mapping[str, Any], solution: Solution) -> list[str]:
     return said
 
 
-def _shape_on_path(sweep: Mapping[str, Any]) -> str:
-    radius = f"{sweep['radius']:.2f} ± {rounded_std(sweep['radius_std'])} px"
-    path = _PATHS.get(sweep["path"], "a curved path")
-    return f"{_shape(sweep['silhouette'], radius)} on {path} of {sweep['length']:.0f} px"
+def _shape_on_path(sweep: SweepSummary) -> str:
+    radius = f"{sweep.radius:.2f} ± {rounded_std(sweep.radius_std)} px"
+    path = _PATHS.get(sweep.path, "a curved path")
+    return f"{_shape(sweep.silhouette, radius)} on {path} of {sweep.length:.0f} px"
 
 
 def _shape(silhouette: str, radius: str) -> str:

@@ -1,6 +1,6 @@
 """The sheet of a clip: paths of objects over the plate; places, speeds and sizes over time."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -128,16 +128,20 @@ def draw_clip(
             notes.append(f"No charts: {error}.")
     for part in parts:
         sheet.picture(part, _legend(_objects(found), enlarged) if part is parts[0] else ())
+    _draw_mattes(sheet, mattes)
+    sheet.sentences([*words, *notes, *_legend_in_words(found, physics)])
+    return sheet.pixels()
+
+
+def _legend_in_words(found: Sequence[FrameMotion], physics: ClipPhysics) -> Iterator[str]:
+    """What the curves in the charts and the hollow points mean, where there are any."""
     if any(not fall.rejection for fall in physics.falls.values()):
-        notes.append("Gray curve in the charts: the parabola of the fall.")
+        yield "Gray curve in the charts: the parabola of the fall."
     if doubted := sum(map(_doubted, found)):
-        notes.append(
+        yield (
             f"Dashed and hollow: {doubted} of {len(found)}, whose numbers are in doubt; the table says "
             "why."
         )
-    _draw_mattes(sheet, mattes)
-    sheet.sentences([*words, *notes])
-    return sheet.pixels()
 
 
 def _draw_mattes(sheet: Sheet, mattes: Sequence[Matte]) -> None:

@@ -10,7 +10,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.explain import explain
 from blurmatte.explain.grade import alternatives_in_words, alternatives_of, grade_in_words
-from blurmatte.explain.sweep import shape_is_likeliest
+from blurmatte.explain.sweep import likeliest_shape
 from blurmatte.figures.drawing import (
     Color,
     Palette,
@@ -263,7 +263,7 @@ def _whole(image: LinearImage, solution: Solution) -> Pixels:
     room = Page.width - 2 * Page.margin - Page.gap - text_width, Page.picture_height
     picture, scale = fitted(image, room)
     size, pen = picture.size, ImageDraw.Draw(picture)
-    for box in solution.stats.get("other_boxes", ()):
+    for box in solution.stats.other_boxes:
         pen.rectangle(_scaled(box, scale, size), outline=Palette.other, width=1)
     _draw_sweep(pen, solution, scale)
     (y0, y1), (x0, x1) = _spans(solution)
@@ -273,11 +273,11 @@ def _whole(image: LinearImage, solution: Solution) -> Pixels:
 
 def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
     """Draw the path and the silhouette at both ends, if the sweep is the likeliest hypothesis."""
-    if not shape_is_likeliest(solution):
+    shape = likeliest_shape(solution)
+    if shape is None:
         return
-    sweep = solution.stats["sweep"]
-    draw_line(pen, sweep["xy"], scale)
-    for outline in sweep["outlines"]:
+    draw_line(pen, shape.xy, scale)
+    for outline in shape.outlines:
         draw_line(pen, [*outline, outline[0]], scale)
 
 

@@ -96,10 +96,21 @@ def parse_json(text: str, schema: Any) -> Any:
         raise ValueError(_reason(error, schema)) from error
 
 
-def bounded(value: Any) -> Any:
-    """A value of parsed JSON; ValueError if an integer in it is beyond the range of floats."""
-    _check_numbers("", value, MAX_FLOAT, finite=False)
-    return value
+def to_mapping(thing: Any) -> dict[str, Any]:
+    """The fields of a dataclass, in the types of JSON; `parse_json` reads them by the same class.
+
+    Raises TypeError if a value is no number, text, or list of them.
+    """
+    schema: Any = type(thing)
+    plain = _adapter(schema).dump_python(thing, mode="json", fallback=_number, warnings=False)
+    return dict(plain)
+
+
+def _number(value: Any) -> Any:
+    """A NumPy number as one of Python."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"a document must hold numbers, text, and lists of them, got {value!r}")
 
 
 def json_kind(text: str) -> str:
@@ -212,21 +223,20 @@ def _reason(error: ValidationError, schema: Any) -> str:
         case "bool_type":
             said = f"must be true or false, got {reprlib.repr(first['input'])}"
         case _:
-            said = first["msg"].replace("Input should", "must").replace("a valid ", "a ")
+            said = first["msg"].replace("Input should", "must")
+            said = said.replace("a valid integer", "a whole number").replace("a valid ", "a ")
             said += f", got {reprlib.repr(first['input'])}"
     return f"{key}{'' if said.startswith('must') else ':'} {said}" if key else said
 
 
-def _check_numbers(name: str, value: Any, most: float, finite: bool = True) -> None:
+def _check_numbers(name: str, value: Any, most: float) -> None:
     """Raise ValueError if a number in nested tables and lists exceeds `most`, or is not finite."""
     if isinstance(value, dict | list):
         parts = value.items() if isinstance(value, dict) else enumerate(value)
         for key, part in parts:
-            _check_numbers(f"{name}.{key}".lstrip("."), part, most, finite)
+            _check_numbers(f"{name}.{key}".lstrip("."), part, most)
     elif isinstance(value, int | float) and not isinstance(value, bool):
         limit = 2**63 if name == "seed" else most
-        if isinstance(value, float) and not math.isfinite(value) and not finite:
-            return
         if not -limit <= value <= limit or not math.isfinite(value):
             raise ValueError(
                 f"{name} must be a number from {-limit:g} to {limit:g}, got {reprlib.repr(value)}"

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
 
+from blurmatte.checks import MAX_PX
 from blurmatte.errors import FileError
 from blurmatte.files.documents import (
     DocumentError,
@@ -30,7 +31,6 @@ from blurmatte.intrinsics import Intrinsics
 Array = npt.NDArray[np.float64]
 
 MIN_FOCAL_LENGTH = 1e-3  # pixels
-MAX_PX = 1e6  # of places and lengths; distortions are less
 
 _PINHOLE = "fx", "fy", "cx", "cy"
 _HINT = (

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, Json
 
-from blurmatte.checks import MAX_LIGHT
+from blurmatte.checks import MAX_LIGHT, MAX_PX
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.documents import (
@@ -32,7 +32,6 @@ Array = npt.NDArray[np.float64]
 MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
 MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn
 MAX_GAIN = 1e3  # from a channel of a camera to one of sRGB
-MAX_PX = 1e6  # of places and lengths
 MAX_ORDER = 64  # of the Fourier series of an outline
 
 

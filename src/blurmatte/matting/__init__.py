@@ -8,4 +8,5 @@ from blurmatte.matting.shaded import Shaded as Shaded
 from blurmatte.matting.smooth import Smooth as Smooth
 from blurmatte.matting.solution import Solution as Solution
 from blurmatte.matting.solve import solve as solve
+from blurmatte.matting.stats import SolutionStats as SolutionStats
 from blurmatte.matting.swept import Swept as Swept

@@ -8,7 +8,7 @@ to all alpha.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
@@ -51,6 +51,15 @@ class HypothesisSummary:
     rank: int  #: of its color model
     has_shape: bool
     inflation: float  #: variance inflation of its residuals
+
+
+class Grading(NamedTuple):
+    """The calibrated error of a solver, as in `SolutionStats`."""
+
+    claimed_error: float
+    grade_reasons: tuple[str, ...]
+    grade: Grade
+    alpha_error: float
 
 
 def claimed_error(estimate: AlphaEstimate) -> float:
@@ -184,7 +193,7 @@ def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -
 
 def graded_alone(
     estimate: AlphaEstimate, solver: str, compressed: bool, exact_color: bool
-) -> dict[str, Any]:
+) -> Grading:
     """Claim, grade and calibrated error of a solver that is not compared with other hypotheses.
 
     estimate: of the solver, not calibrated.
@@ -195,25 +204,22 @@ def graded_alone(
     factor = fitted_calibration().solver_factor(solver, file_class, exact_color)
     claim, scale = claimed_error(estimate), factor * estimate.scale_std
     stds = factor * np.asarray(estimate.alpha_std, float), factor * estimate.sum_std
-    found = graded(AlphaEstimate(estimate.alpha, *stds, scale))
+    grade, error = graded(AlphaEstimate(estimate.alpha, *stds, scale))
     causes = {
         "noise": claim > GRADE_LIMITS[Grade.CONFIRMED][0],
         "file": compressed,
         "color": not exact_color,
     }
-    return {
-        "claimed_error": claim,
-        "grade_reasons": [name for name, holds in causes.items() if holds],
-        **found,
-    }
+    because = tuple(name for name, holds in causes.items() if holds)
+    return Grading(claim, because, grade, error)
 
 
-def graded(estimate: AlphaEstimate) -> dict[str, Any]:
-    """Grade, error of alpha and of its scale of a calibrated estimate."""
+def graded(estimate: AlphaEstimate) -> tuple[Grade, float]:
+    """Grade and error of alpha of a calibrated estimate."""
     error = claimed_error(estimate)
     total = max(float(np.nansum(np.where(np.isfinite(estimate.alpha), estimate.alpha, 0))), 1e-9)
     scale = float(np.hypot(estimate.scale_std, estimate.sum_std / total))
-    return {"grade": grade_of(error, scale), "alpha_error": error}
+    return grade_of(error, scale), error
 
 
 def grade_of(error: float, scale: float) -> Grade:

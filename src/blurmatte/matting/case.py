@@ -21,7 +21,7 @@ from blurmatte.matting.mask_growth import grown_mask
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.shaded import Shaded
-from blurmatte.matting.smooth import Smooth
+from blurmatte.matting.smooth import Smooth, SmoothSummary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
@@ -131,14 +131,14 @@ class Case:
         solve_mixed_plate(maps.within(around), mixed, C, B, model, solver.max_alpha_std)
         return maps
 
-    def smooth(self, solver: Smooth, maps: PixelMaps) -> dict[str, Any]:
-        """Write alpha and light by `Smooth` into maps of the closed form; its numbers."""
+    def smooth(self, solver: Smooth, maps: PixelMaps) -> tuple[float, SmoothSummary]:
+        """Write alpha and light by `Smooth` into maps of the closed form; what it returns."""
         box = self.grown_streak.around(MARGIN_PX)
         inside = self.grown_streak.mask[box[1] : box[3], box[0] : box[2]]
         C, B, mixed = self.within(box)
-        numbers = solver(maps, C, B, self.model, inside, box, mixed)
+        found = solver(maps, C, B, self.model, inside, box, mixed)
         inpaint_light(maps.within(box), C, B)
-        return numbers
+        return found
 
     def _flags(self) -> npt.NDArray[np.uint8]:
         """(H, W) quality that does not depend on the solver."""

@@ -1,8 +1,7 @@
 """Average of hypotheses: sweeps, and alpha without a shape, weighted by their evidence."""
 
 import logging
-from dataclasses import asdict, dataclass, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +24,8 @@ from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.smooth import Smooth
-from blurmatte.matting.summary import streak_summary, sweep_summary
+from blurmatte.matting.stats import SolutionStats, SweepSummary
+from blurmatte.matting.summary import streak_sums
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.assess.model_selection import (
@@ -133,11 +133,13 @@ class _Hypotheses:
         ]
 
 
-def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMaps, dict[str, Any]]:
+def average_hypotheses(
+    case: Case, out: PixelMaps | None
+) -> tuple[Case, PixelMaps, SolutionStats, float]:
     """Average the sweeps of a case, and alpha without a shape unless its solver is `Swept`.
 
-    Returns a case with solver and colors of the likeliest hypothesis, maps, and numbers for
-    `Solution.stats`.
+    Returns a case with solver and colors of the likeliest hypothesis, maps, the numbers of the average,
+    and by how much its error exceeds the claimed one, 1 or more.
     """
     fitted = case if case.fitted is None else case.fitted.case
     found = _Hypotheses.of(fitted)
@@ -149,7 +151,8 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     average = calibrated(average, found.estimates, terms, compressed, exact)
     error, by_opacity = claimed_error(average), found.opacity_error
     average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
-    grade, because = graded(average), reasons(terms, claim, found.weights, compressed)
+    (grade, alpha_error) = graded(average)
+    because = reasons(terms, claim, found.weights, compressed)
     if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
         because = ["duration", *because]
     # The maps have no other place for an error that may be larger than all others.
@@ -161,20 +164,20 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
         alternatives = [_in_pixels(one, size) for one in alternatives]
         found, average = _enlarged(found, average, case, size)
     model, solver, maps = _written(found, average, case, out)
-    numbers = {
-        **sweep_summary(found.sweeps[0]),
-        "sum_alpha_std": average.sum_std,
-        "alpha_scale_std": average.scale_std,
-        "weights": found.weights.tolist(),
-        "shape_log_odds": found.shape_log_odds(),
-        "alternatives": tuple(map(asdict, alternatives)),
-        "claimed_error": claim,
-        "error_terms": asdict(terms),
-        "error_factor": max(error / claim, 1.0),
-        "grade_reasons": because,
-        **grade,
-    }
-    return replace(case, model=model, solver=solver), maps, numbers
+    stats = SolutionStats(
+        sum_alpha_std=average.sum_std,
+        alpha_scale_std=average.scale_std,
+        sweep=SweepSummary.of(found.sweeps[0]),
+        weights=tuple(found.weights.tolist()),
+        shape_log_odds=found.shape_log_odds(),
+        alternatives=tuple(alternatives),
+        claimed_error=claim,
+        error_terms=terms,
+        grade_reasons=tuple(because),
+        grade=grade,
+        alpha_error=alpha_error,
+    )
+    return replace(case, model=model, solver=solver), maps, stats, max(error / claim, 1.0)
 
 
 def _written(
@@ -279,9 +282,9 @@ def _shapeless(case: Case) -> _Shapeless:
     assert case.hypotheses is not None
     box = case.grown_streak.around(MARGIN_PX)
     maps = case.closed_form(box)
-    numbers = case.smooth(Smooth(), maps)
-    summary = streak_summary(maps, case.model, case.image, case.plate, case.streak)
-    scale_std = summary["alpha_scale_std"]
+    sum_std, _ = case.smooth(Smooth(), maps)
+    sums = streak_sums(maps, case.model, case.image, case.plate, case.streak)
+    scale_std = sums.alpha_scale_std
     near = maps.within(box)
     std = np.hypot(near.alpha_std, scale_std * near.alpha)
     known = np.isfinite(std) & ~has_flag(near.quality, Quality.OUTSIDE)
@@ -289,7 +292,7 @@ def _shapeless(case: Case) -> _Shapeless:
     place = rows_columns(box, (0, 0, *case.image.size))
     alpha[place], alpha_std[place] = np.where(known, near.alpha, 0), np.where(known, std, 0)
     evidence = case.hypotheses.evidence_of(alpha, alpha_std)
-    return _Shapeless(case.model, near.copied, box, numbers["sum_alpha_std"], scale_std, evidence)
+    return _Shapeless(case.model, near.copied, box, sum_std, scale_std, evidence)
 
 
 def _write(

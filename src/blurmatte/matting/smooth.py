@@ -11,7 +11,6 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from typing import Any
 
 import numpy as np
 
@@ -90,6 +89,28 @@ class _Fit:
 
 
 @dataclass(frozen=True)
+class SmoothSummary:
+    """The prior that was chosen, and the convergence.
+
+    Parameters
+    ----------
+    order : int
+        Of the differences that are small: 1 or 2.
+    scale : float
+        Of such a difference between pixels.
+    steps : int
+        Of the last fit.
+    converged : bool
+        Whether it ended before the largest number of steps.
+    """
+
+    order: int
+    scale: float
+    steps: int
+    converged: bool
+
+
+@dataclass(frozen=True)
 class Smooth:
     """Solve all pixels of the streak together: alpha is smooth, except at edges.
 
@@ -133,7 +154,7 @@ class Smooth:
         inside: Bools,
         box: Box,
         mixed: MixedPlate | None = None,
-    ) -> dict[str, Any]:
+    ) -> tuple[float, SmoothSummary]:
         """Write alpha and light into maps of the closed form.
 
         maps: of the closed form with the same model; changed in place.
@@ -142,8 +163,8 @@ class Smooth:
         inside (h, w): where in the box alpha may be other than 0.
         mixed: where in the box the plate's edges are uncertain.
 
-        Returns the standard deviation of the sum of alpha, the smoothness, and the
-        convergence. Warns ConvergenceWarning if the last step still changed the result.
+        Returns the standard deviation of the sum of alpha, and a summary of the fit. Warns
+        ConvergenceWarning if the last step still changed the result.
         """
         pixels = pixels_of(image, plate, model, inside, mixed)
         file = file_of(pixels.image)
@@ -154,9 +175,9 @@ class Smooth:
         _warn_unless_converged(fit.field)
         alpha, alpha_std = _inner(fit.field.x), np.sqrt(_inner(variance))
         self._write(maps.within(box), alpha, alpha_std, pixels, image)
-        smooth = {name: getattr(fit.prior, name) for name in ("order", "scale")}
-        smooth |= {name: getattr(fit.field, name) for name in ("steps", "converged")}
-        return {"sum_alpha_std": float(np.sqrt(of_sum)), "smooth": smooth}
+        prior, field = fit.prior, fit.field
+        summary = SmoothSummary(prior.order, prior.scale, field.steps, field.converged)
+        return float(np.sqrt(of_sum)), summary
 
     def _write(
         self, maps: PixelMaps, alpha: Floats, alpha_std: Floats, pixels: Pixels, image: LinearImage

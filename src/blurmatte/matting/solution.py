@@ -1,9 +1,7 @@
 """Solution: alpha and color of every pixel, each with its error and quality flags."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +9,8 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Box, Floats, as_array, check_kind, check_light, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.matting.calibration import grade_of
 from blurmatte.matting.maps import Grade, PixelMaps, Quality
+from blurmatte.matting.stats import SolutionStats
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry import light_in_srgb
 from blurmatte.sweep.sweep import Sweep
@@ -35,9 +33,9 @@ class Solution(Displayed):
         The colors the object was allowed.
     solver : str
         How it was solved, e.g. "Pixelwise(max_alpha_std=0.5)".
-    stats : mapping
+    stats : SolutionStats
         Numbers about the solve: the streak's box and pixels, the sum of alpha, the noise, changes of
-        the plate, the sweep; docs/cli.md explains each under report.json.
+        the plate, the sweep, the calibrated errors.
     sweep : Sweep, optional
         The fitted shape on a path, if one explains the streak.
 
@@ -54,7 +52,7 @@ class Solution(Displayed):
     quality: npt.NDArray[np.uint8]
     model: ColorModel
     solver: str
-    stats: Mapping[str, Any] = field(default_factory=dict)
+    stats: SolutionStats = field(default_factory=SolutionStats)
     sweep: Sweep | None = None
 
     def __post_init__(self) -> None:
@@ -66,6 +64,7 @@ class Solution(Displayed):
         check_map("alpha_std", self.alpha_std, shape)
         check_map("premultiplied_std", self.premultiplied_std, self.premultiplied.shape)
         check_map("quality", self.quality, shape, kinds="u")
+        check_kind("stats", self.stats, SolutionStats, "use blurmatte.matting.SolutionStats")
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -102,11 +101,7 @@ class Solution(Displayed):
         own = self.alpha, self.alpha_std, self.premultiplied, self.premultiplied_std, self.quality
         maps.write(box, PixelMaps._make(own))
         x, y = box[:2]
-        stats = dict(self.stats)
-        if "streak_box" in stats:
-            stats["streak_box"] = _shifted(stats["streak_box"], x, y)
-            others = stats.get("other_boxes", ())
-            stats["other_boxes"] = tuple(_shifted(other, x, y) for other in others)
+        stats = self.stats.moved(x, y)
         sweep = None if self.sweep is None else self.sweep.in_picture((x, y), size)
         return Solution(*maps, model=self.model, solver=self.solver, stats=stats, sweep=sweep)
 
@@ -120,29 +115,23 @@ class Solution(Displayed):
         """
         if not factor >= 1:
             raise ValueError(f"factor must be 1 or more, got {factor}")
-        stats = dict(self.stats)
-        for name in ("alpha_error", "sum_alpha_std", "alpha_scale_std"):
-            if name in stats:
-                stats[name] = factor * stats[name]
-        if "grade" in stats:
-            total = max(float(self.alpha[self.streak & self.known].sum()), 1e-9)
-            scale = stats["sum_alpha_std"] / total
-            stats["grade"] = grade_of(stats["alpha_error"], scale)
+        total = max(float(self.alpha[self.streak & self.known].sum()), 1e-9)
+        stats = self.stats.with_errors_times(factor, total)
         scaled = np.asarray(factor * self.alpha_std, self.alpha_std.dtype)
         return replace(self, alpha_std=scaled, stats=stats)
 
     @property
     def sum_std_without_factor(self) -> float:
         """Standard deviation of the sum of alpha without that of a factor common to all of alpha."""
-        by_factor = self.stats.get("sum_alpha", 0.0) or 0.0
-        by_factor *= self.stats.get("alpha_scale_std") or 0.0
-        square = float(self.stats.get("sum_alpha_std", 0.0)) ** 2 - by_factor**2
+        stats = self.stats
+        by_factor = (stats.sum_alpha or 0.0) * (stats.alpha_scale_std or 0.0)
+        square = (stats.sum_alpha_std or 0.0) ** 2 - by_factor**2
         return float(np.sqrt(max(square, 0.0)))
 
     @property
     def grade(self) -> Grade:
         """How well alpha is known; `ASSUMED` if `stats` has no grade."""
-        return Grade(self.stats.get("grade", Grade.ASSUMED))
+        return self.stats.grade or Grade.ASSUMED
 
     @cached_property
     def streak(self) -> Bools:
@@ -192,11 +181,6 @@ class Solution(Displayed):
         """The same with the maps of some rows and columns; statistics and sweep are not changed."""
         names = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
         return replace(self, **{name: getattr(self, name)[place] for name in names})
-
-
-def _shifted(box: Box, x: int, y: int) -> Box:
-    x0, y0, x1, y1 = box
-    return x0 + x, y0 + y, x1 + x, y1 + y
 
 
 def check_solution(name: str, value: object) -> None:

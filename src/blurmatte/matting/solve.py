@@ -2,7 +2,6 @@
 
 import logging
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -25,7 +24,8 @@ from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.summary import mean_light, noise_summary, streak_summary
+from blurmatte.matting.stats import MatchSummary, SolutionStats, noise_of
+from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
@@ -211,42 +211,39 @@ def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | N
 
 def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Solution:
     """Solve a case."""
-    only_lost = may_be_shadow(*case.compared)
+    only_lost, error_factor = may_be_shadow(*case.compared), 1.0
     _LOG.info("solving alpha")
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         maps = case.closed_form(_box_of(case), out)
-        numbers = _by_solver(case, maps)
+        stats = _by_solver(case, maps)
     else:
-        case, maps, numbers = average_hypotheses(case, out)
-        if only_lost:
-            reasons = ["shadow", *numbers["grade_reasons"]]
-            numbers |= {"grade": Grade.ASSUMED, "grade_reasons": reasons}
-    error_factor = numbers.pop("error_factor", 1.0)
+        case, maps, stats, error_factor = average_hypotheses(case, out)
+        stats = stats.as_shadow() if only_lost else stats
     streak, image, plate, shadow_std = case.streak, case.image, case.plate, 0.0
     if not isinstance(case.solver, Shaded):
         without_sweep = not isinstance(case.solver, Swept)
         shadow_std = mark_shadow(maps, image, plate, streak, case.model, without_sweep, only_lost)
     if not isinstance(case.solver, Pixelwise | Shaded):
         streak = Streak(~has_flag(maps.quality, Quality.OUTSIDE))
-    agrees, at_edges = agreement(image, plate)
-    stats = {
-        **streak_summary(maps, case.model, image, plate, streak),
-        "streak_box": streak.box,
-        "other_boxes": tuple(other.box for other in others if other.significant),
-        "insignificant_others": sum(not other.significant for other in others),
-        "image_noise": noise_summary(image),
-        "plate_noise": noise_summary(plate),
-        "match": {**case.pictures.match.facts, "agreement": agrees, "edge_agreement": at_edges},
-        "may_be_shadow": only_lost,
-        "exposure_time": image.meta.exposure_time,
-        "readout": image.meta.readout,
-        **numbers,
-    }
-    if "grade" not in stats:
-        stats |= _graded_alone(case, maps, stats, only_lost)
-    by_factor = stats["alpha_scale_std"] * stats["sum_alpha"]
-    parts = stats["sum_alpha_std"], shadow_std, by_factor
-    stats["sum_alpha_std"] = float(np.linalg.norm(parts))
+    sums = streak_sums(maps, case.model, image, plate, streak)
+    sums = sums.with_errors(stats.sum_alpha_std, stats.alpha_scale_std)
+    if stats.grade is None:
+        stats = _graded_alone(stats, case, maps, sums, only_lost)
+    parts = sums.sum_alpha_std, shadow_std, sums.alpha_scale_std * sums.sum_alpha
+    sums = sums._replace(sum_alpha_std=float(np.linalg.norm(parts)))
+    stats = replace(
+        stats,
+        **sums._asdict(),
+        streak_box=streak.box,
+        other_boxes=tuple(other.box for other in others if other.significant),
+        insignificant_others=sum(not other.significant for other in others),
+        image_noise=noise_of(image),
+        plate_noise=noise_of(plate),
+        match=MatchSummary.of(case.pictures.match, *agreement(image, plate)),
+        may_be_shadow=only_lost,
+        exposure_time=image.meta.exposure_time,
+        readout=image.meta.readout,
+    )
     _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
@@ -256,22 +253,23 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
 
 
 def _graded_alone(
-    case: Case, maps: PixelMaps, stats: dict[str, Any], only_lost: bool
-) -> dict[str, Any]:
-    """Grade and errors of a solver without other hypotheses; its maps keep their standard errors."""
+    stats: SolutionStats, case: Case, maps: PixelMaps, sums: StreakSums, only_lost: bool
+) -> SolutionStats:
+    """The stats of a solver without other hypotheses with its grade and errors.
+
+    The maps keep their standard errors.
+    """
     unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
     known = ~has_flag(maps.quality, unknown) & np.isfinite(maps.alpha_std)
     if not known.any():
-        return {"grade": Grade.ASSUMED, "alpha_error": 1.0, "grade_reasons": ["color"]}
+        return replace(stats, grade=Grade.ASSUMED, alpha_error=1.0, grade_reasons=("color",))
     alpha, std = np.where(known, maps.alpha, 0), np.where(known, maps.alpha_std, np.inf)
-    estimate = AlphaEstimate(alpha, std, stats["sum_alpha_std"], stats["alpha_scale_std"])
+    estimate = AlphaEstimate(alpha, std, sums.sum_alpha_std, sums.alpha_scale_std)
     solver = "Smooth" if isinstance(case.solver, Smooth) else "Pixelwise"
-    numbers = graded_alone(estimate, solver, case.is_compressed, case.is_exact)
+    found = graded_alone(estimate, solver, case.is_compressed, case.is_exact)
+    stats = replace(stats, **found._asdict())
     # The light of an object is rarely as constant as `Shaded` assumes, and its factor is not fitted.
-    if only_lost or isinstance(case.solver, Shaded):
-        reasons = ["shadow", *numbers["grade_reasons"]]
-        numbers |= {"grade": Grade.ASSUMED, "grade_reasons": reasons}
-    return numbers
+    return stats.as_shadow() if only_lost or isinstance(case.solver, Shaded) else stats
 
 
 def _check_numbers(maps: PixelMaps, case: Case) -> None:
@@ -296,16 +294,17 @@ def _box_of(case: Case) -> Box:
     return case.box_with(() if case.hypotheses is None else case.hypotheses.sweeps)
 
 
-def _by_solver(case: Case, maps: PixelMaps) -> dict[str, Any]:
-    """Write the solver's result into maps of the closed form; its numbers for `Solution.stats`."""
+def _by_solver(case: Case, maps: PixelMaps) -> SolutionStats:
+    """Write the solver's result into maps of the closed form; its own numbers."""
     if isinstance(case.solver, Smooth):
-        return case.smooth(case.solver, maps)
+        sum_std, summary = case.smooth(case.solver, maps)
+        return SolutionStats(sum_alpha_std=sum_std, smooth=summary)
     if not isinstance(case.solver, Shaded):
-        return {}
+        return SolutionStats()
     box, shaded = case.streak.around(MARGIN_PX), None
     if case.solver.plate is not None:
         shaded = case.pictures.match.apply(case.solver.plate).crop(box)
     pictures = case.image.crop(box), case.plate.crop(box), shaded
     S = case.solver(maps.within(box), *pictures, case.model)
     inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
-    return {"sum_shadow": float(S[inside].sum())}
+    return SolutionStats(sum_shadow=float(S[inside].sum()))

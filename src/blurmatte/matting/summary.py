@@ -1,37 +1,52 @@
-"""Summary statistics of a solution: sums, errors, noise, match of the plate, sweep."""
+"""Sums of a solution over its streak, and their errors."""
 
-from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
-from blurmatte.sweep.sweep import Sweep
 
 
-def streak_summary(
+class StreakSums(NamedTuple):
+    """Numbers of pixels and the sum of alpha, as in `SolutionStats`."""
+
+    pixels: int
+    pixels_known: int
+    pixels_misfit: int
+    sum_alpha: float
+    sum_alpha_std: float  #: without the error of a common factor
+    alpha_scale_std: float
+
+    def with_errors(self, sum_std: float | None, scale_std: float | None) -> "StreakSums":
+        """The same with the errors of a solver, where it has its own."""
+        return self._replace(
+            sum_alpha_std=self.sum_alpha_std if sum_std is None else sum_std,
+            alpha_scale_std=self.alpha_scale_std if scale_std is None else scale_std,
+        )
+
+
+def streak_sums(
     maps: PixelMaps, model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak
-) -> dict[str, Any]:
-    """Numbers of pixels, sum of alpha, and their errors."""
+) -> StreakSums:
+    """Numbers of pixels, sum of alpha, and its errors: those of independent pixels of this color."""
     y, x = streak.rows_columns
     certain = ~has_flag(maps.quality[y, x], Quality.PLATE_IN_MODEL)
     inside = streak.mask[y, x] & certain & np.isfinite(maps.alpha_std[y, x])
     alpha, std = (np.asarray(m[y, x][inside], float) for m in (maps.alpha, maps.alpha_std))
     flagged = has_flag(maps.quality[y, x][inside], Quality.MISFIT)
-    return {
-        "pixels": int(np.count_nonzero(streak.mask)),
-        "pixels_known": int(np.count_nonzero(inside)),
-        "pixels_misfit": int(np.count_nonzero(flagged)),
-        "sum_alpha": float(alpha.sum()),
-        "sum_alpha_std": float(np.sqrt(np.sum(std**2))),
-        "alpha_scale_std": _scale_std(
-            model, image, plate, streak, inside & (image.valid & plate.valid)[y, x]
-        ),
-    }
+    valid = (image.valid & plate.valid)[y, x]
+    return StreakSums(
+        pixels=int(np.count_nonzero(streak.mask)),
+        pixels_known=int(np.count_nonzero(inside)),
+        pixels_misfit=int(np.count_nonzero(flagged)),
+        sum_alpha=float(alpha.sum()),
+        sum_alpha_std=float(np.sqrt(np.sum(std**2))),
+        alpha_scale_std=_scale_std(model, image, plate, streak, inside & valid),
+    )
 
 
 def mean_light(maps: PixelMaps) -> npt.NDArray[np.float64] | None:
@@ -47,37 +62,6 @@ def mean_light(maps: PixelMaps) -> npt.NDArray[np.float64] | None:
         return None
     light = np.maximum(maps.premultiplied[y, x][known], 0).sum(axis=0, dtype=float)
     return np.asarray(light / total)
-
-
-def sweep_summary(sweep: Sweep) -> dict[str, Any]:
-    """Path, outline and size."""
-    return {
-        "sweep": {
-            "silhouette": sweep.silhouette.name,
-            "path": sweep.family.name,
-            "xy": tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
-            "length": sweep.length,
-            "radius": sweep.radius,
-            "radius_std": sweep.radius_std,
-            "softness": sweep.softness,
-            "opacity": sweep.silhouette.opacity,
-            "opacity_std": sweep.opacity_std,
-            "outlines": tuple(
-                tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
-            ),
-            "diagnostics": asdict(sweep.diagnostics),
-            "shadow": None if sweep.cast is None else sweep.cast.numbers,
-        },
-    }
-
-
-def noise_summary(picture: LinearImage) -> Any:
-    """The noise as plain numbers."""
-    noise = picture.noise
-    if isinstance(noise, NoiseModel):
-        names = ("gain", "read_std", "relative_std")
-        return {name: getattr(noise, name) for name in names}
-    return {"median_std": float(np.sqrt(np.median(picture.variance)))}
 
 
 def _scale_std(

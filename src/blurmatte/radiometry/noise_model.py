@@ -10,6 +10,7 @@ sRGB is ∝ light^0.58.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +39,9 @@ class NoiseModel:
     ValueError
         If a number is negative, NaN, or above a million.
     """
+
+    # All fields have defaults: a mapping with other keys is another kind of noise.
+    __pydantic_config__: ClassVar[Any] = {"extra": "forbid"}
 
     gain: PerChannel | float = (0.0, 0.0, 0.0)
     read_std: PerChannel | float = (0.0, 0.0, 0.0)

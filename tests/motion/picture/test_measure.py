@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
 from blurmatte.files import read_solution, write
-from blurmatte.matting import Quality, Solution, solve
+from blurmatte.matting import Quality, Solution, SolutionStats, solve
 from blurmatte.motion import measure_motion
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.motion.picture.motion import QUANTITIES
@@ -55,8 +55,9 @@ def solution_of(alpha, std=0.01, streak=None, sweep=None, **stats):
         quality[~streak] = Quality.OUTSIDE
     light = alpha[..., None] * MODEL.rgb[0]
     stds = np.broadcast_to(np.asarray(std, float), alpha.shape).copy()
+    numbers = SolutionStats(**stats)
     return Solution(
-        alpha, stds, light, np.ones_like(light), quality, MODEL, "made up", stats, sweep
+        alpha, stds, light, np.ones_like(light), quality, MODEL, "made up", numbers, sweep
     )
 
 
@@ -328,7 +329,7 @@ def test_readout_of_the_image_is_kept():
     sweep = sweep_of(*PATHS[0])
     for solution in (solution_of(sweep.alpha, sweep=sweep), solution_of(sweep.alpha)):
         assert measure_motion(solution).readout == "down"
-        turned = replace(solution, stats={**solution.stats, "readout": "left"})
+        turned = replace(solution, stats=replace(solution.stats, readout="left"))
         assert measure_motion(turned).readout == "left"
         assert measure_motion(turned).reversed.readout == "left"
 

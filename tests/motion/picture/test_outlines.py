@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
-from blurmatte.matting import Quality, Solution
+from blurmatte.matting import Quality, Solution, SolutionStats
 from blurmatte.motion import end_silhouettes, measure_motion
 
 RED = ColorModel(np.array([[1.0], [0], [0]]))
@@ -34,9 +34,8 @@ def solution_of(alpha, std, **stats):
     light = np.repeat(alpha[..., None], 3, axis=-1)
     quality = np.zeros(SHAPE, np.uint8)
     quality[gaussian_filter(alpha, 2) < 0.002] = Quality.OUTSIDE
-    return Solution(
-        alpha, np.full(SHAPE, std), light, np.ones_like(light), quality, RED, "made up", stats
-    )
+    stds, numbers = np.full(SHAPE, std), SolutionStats(**stats)
+    return Solution(alpha, stds, light, np.ones_like(light), quality, RED, "made up", numbers)
 
 
 def test_change_is_first_minus_last_silhouette():
@@ -82,8 +81,8 @@ def test_error_matches_scatter(softness):
             noise = gaussian_filter(noise, softness) * np.sqrt(4 * np.pi) * softness
         inside = solution_of(alpha, std).streak
         together = max(4 * np.pi * softness**2, 1) * inside.sum() * std**2
-        noisy = solution_of(alpha, std, sum_alpha_std=np.sqrt(together))
-        noisy = solution_of(alpha + np.where(inside, std * noise, 0), std, **noisy.stats)
+        own = {"sum_alpha_std": float(np.sqrt(together))}
+        noisy = solution_of(alpha + np.where(inside, std * noise, 0), std, **own)
         ends = end_silhouettes(noisy, motion)
         smooth = gaussian_filter(exact.change, np.sqrt(ends.scale**2 - 1))
         middle = gaussian_filter(inside.astype(float), 4) > 0.99

@@ -141,6 +141,15 @@ class FrameSolver:
             return str(error)
         return solution.in_picture(crop.box, frame.size)
 
+    def solutions(
+        self, frames: Sequence[LinearImage], wanted: Sequence[Wanted], workers: Workers
+    ) -> Iterator[tuple[int, Solution]]:
+        """Index and solution of each frame of a clip that can be solved."""
+        solutions = successes(workers.over(frames, self, parts_to_solve(wanted)))
+        for one, solution in zip(wanted, solutions, strict=True):
+            if isinstance(solution, Solution):
+                yield one.index, solution
+
     def solved(self, frame: CodedFrame, wanted: Wanted) -> tuple[Crop, Solution]:
         """The crop around the object, and its solution there.
 
@@ -163,8 +172,8 @@ class FrameSolver:
         # It may have bounced; its silhouette is that of all frames.
         silhouette = prior.of_silhouette if prior.is_disc else None
         alone = self._solution(crop, streak, None, silhouette, solver)
-        reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
-        return crop, replace(alone, stats={**alone.stats, "grade_reasons": reasons})
+        reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
+        return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
     def _solved_alone(self, frame: CodedFrame) -> tuple[Crop, Solution]:
         """The crop around all that moved, and the solution of its likeliest streak."""
@@ -235,10 +244,11 @@ class FrameSolver:
             _, solution = replace(self, solver=None).solved(frame, wanted)
         except BlurmatteError:
             return None
-        if _CONTRADICTS in solution.stats.get("grade_reasons", ()):
+        if _CONTRADICTS in solution.stats.grade_reasons:
             return None
-        disc, shape = solution.stats["shape_log_odds"]
-        return float(disc) - wanted.stretch_cost, float(shape) - wanted.stretch_cost
+        assert solution.stats.shape_log_odds is not None
+        disc, shape = solution.stats.shape_log_odds
+        return disc - wanted.stretch_cost, shape - wanted.stretch_cost
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
@@ -302,8 +312,7 @@ def solve_clip(
     PlateError, ColorModelError, ValueError
         As `measure_clip`; ValueError also for a solver with a plate in shadow.
     """
-    check_clip_solver(solver)
-    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
+    _check(model, solver)
     if isinstance(frames, ClipFrames):
         frames = frames.for_plate(plate)
     plate = clip_plate(frames) if plate is None else plate
@@ -314,10 +323,13 @@ def solve_clip(
         rows = link_objects(seen) if several else link_sightings(seen)
         each = FrameSolver.of(frames, scene, known, solver)
         found = wanted_frames(frames, rows, each, numbers, processes, model is None)
-        solutions = successes(processes.over(frames, each, parts_to_solve(found)))
-        for one, solution in zip(found, solutions, strict=True):
-            if isinstance(solution, Solution):
-                yield one.index, solution
+        yield from each.solutions(frames, found, processes)
+
+
+def _check(model: ColorModel | None, solver: Solver | None) -> None:
+    """Raise TypeError or ValueError unless `solve_clip` accepts the arguments."""
+    check_clip_solver(solver)
+    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
 
 
 def check_clip_solver(solver: Solver | None) -> None:

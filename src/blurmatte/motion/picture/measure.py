@@ -70,7 +70,7 @@ def measure_motion(solution: Solution) -> Motion:
         )
     if solution.sweep is None:
         return motion_of_alpha(solution)
-    known = solution.stats.get("exposure_time"), solution.stats.get("readout", "down")
+    known = solution.stats.exposure_time, solution.stats.readout
     motion = motion_of_sweep(solution.sweep, *known)
     return motion.reversed if abs(motion.angle) > np.pi / 2 else motion
 
@@ -184,8 +184,8 @@ def motion_of_alpha(solution: Solution) -> Motion:
         silhouette="",
         size=solution.size,
         at_border=_touches_border(solution, use),
-        exposure_time=solution.stats.get("exposure_time"),
-        readout=solution.stats.get("readout", "down"),
+        exposure_time=solution.stats.exposure_time,
+        readout=solution.stats.readout,
     )
     return replace(motion, doubts=tuple(_doubts_of_moments(solution, use, motion)))
 
@@ -203,7 +203,7 @@ def _moments(solution: Solution, use: Bools) -> tuple[Array, Array]:
     y, x = np.nonzero(use)
     alpha = np.asarray(solution.alpha[use], float)
     variance = variance_inflation(solution) * np.asarray(solution.alpha_std[use], float) ** 2
-    total, scale = float(alpha.sum()), solution.stats.get("alpha_scale_std", 0.0)
+    total, scale = float(alpha.sum()), solution.stats.alpha_scale_std or 0.0
     std = float(np.hypot(np.sqrt(variance.sum()), total * scale))
     if not total > _MIN_SUM_STD * std:
         raise MotionError(
