@@ -23,12 +23,9 @@ from blurmatte.background.warp import (
     spline_coefficients,
     to_centered,
 )
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.statistics import cell_means
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
 # Free rows of light: none, gain, and offset, and a quadratic field of gain

@@ -10,7 +10,6 @@ from dataclasses import replace
 from enum import Enum
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background.alignment import (
     GEOMETRIES,
@@ -35,12 +34,10 @@ from blurmatte.background.fit_bands import (
 )
 from blurmatte.background.match import Match, median_light
 from blurmatte.background.warp import IDENTITY_LIGHT
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
 from blurmatte.statistics import robust_std
-
-Array = npt.NDArray[np.float64]
 
 
 class Matching(Enum):

@@ -5,7 +5,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background.bands import Bands
 from blurmatte.background.warp import (
@@ -19,10 +18,8 @@ from blurmatte.background.warp import (
     warped_linearly,
     warped_mask,
 )
-from blurmatte.checks import check_same_size
+from blurmatte.checks import Array, Floats, check_same_size
 from blurmatte.radiometry import LinearImage, check_picture
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,7 +205,7 @@ class Match:
         at = np.arange(0, width * height, max(1, width * height // 10_000))
         return np.stack([at % width, at // width], axis=1).astype(float)
 
-    def _gain_field(self, dtype: np.dtype[np.floating]) -> npt.NDArray[np.floating]:
+    def _gain_field(self, dtype: np.dtype[np.floating]) -> Floats:
         """The factor of the plate's light, as an array that broadcasts to (H, W, 3)."""
         bands = 0.0 if self.bands is None else self.bands.across(self.bands.gain(self.size))
         if not self.light[2:].any():

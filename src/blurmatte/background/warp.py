@@ -13,11 +13,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
-
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array, Bools, Floats
 
 SPLINE_ORDER = 3  # of the interpolation
 _BORDER_PX = 12  # beyond which the border has no influence on a spline, relative to 1e-7

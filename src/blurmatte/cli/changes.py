@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 import blurmatte as bm
+from blurmatte.checks import Array
 from blurmatte.cli.console import about, argument, option
 from blurmatte.cli.output_checks import CLIPS, SHEET, check_file
 from blurmatte.cli.quantities import numbers
@@ -130,7 +130,7 @@ class Behind:
     path: Path
     picture: bm.LinearImage
     placement: Placement = Placement()
-    gain: npt.NDArray[np.float64] | None = None
+    gain: Array | None = None
 
     def under(self, layer: bm.Layer) -> tuple[bm.Layer, bm.LinearImage]:
         """The layer as it goes over the picture, and the picture, now of one size."""

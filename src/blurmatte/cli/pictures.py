@@ -11,10 +11,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 import typer
 
 import blurmatte as bm
+from blurmatte.checks import Floats
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_description import of_clip
 from blurmatte.cli.console import (
@@ -239,7 +239,7 @@ def _alpha(layer: bm.Layer) -> Answer:
     return lines, {**numbers, "premultiplied": (least, most)}
 
 
-def _range(light: npt.NDArray[np.floating[Any]]) -> tuple[float, float]:
+def _range(light: Floats) -> tuple[float, float]:
     return float(light.min()), float(light.max())
 
 

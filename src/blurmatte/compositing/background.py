@@ -5,9 +5,8 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_same_size
+from blurmatte.checks import Array, check_same_size
 from blurmatte.radiometry import LinearImage, check_picture
 
 
@@ -56,7 +55,7 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
     return LinearImage(rgb, valid=kept[..., 3] < 1e-3, meta=picture.meta)
 
 
-def light_gain(background: LinearImage, plate: LinearImage) -> npt.NDArray[np.float64]:
+def light_gain(background: LinearImage, plate: LinearImage) -> Array:
     """Ratio of the light of a background to that of the plate, for relighting a layer.
 
     Parameters

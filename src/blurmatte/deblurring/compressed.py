@@ -36,8 +36,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.normal_equations import Normal, NormalEquations, posterior
@@ -46,8 +46,6 @@ from blurmatte.deblurring.refine import Explained
 from blurmatte.deblurring.sparse_prior import Bound, traces
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
-
-Array = npt.NDArray[np.float64]
 
 _SAMPLES = 4
 _ROUNDS = 3, 2  # of the strengths, of the prior of edges
@@ -82,7 +80,7 @@ class _Data:
     precisions: list[Array]
     of: Callable[[Array], list[Array]]
     adjoint: Callable[[list[Array]], Array]
-    touched: list[npt.NDArray[np.bool_]] | None = None
+    touched: list[Bools] | None = None
 
     def curvature(self, x: Array, s: float) -> Array:
         """Jᵀ w J x / s."""

@@ -13,14 +13,11 @@ are those of the solution without that constraint.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_kind, check_map
+from blurmatte.checks import Array, Floats, check_kind, check_map
 from blurmatte.deblurring.operator import Sparse
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 _STEP_PX = 0.25  # of the center between two moments
 _MIN_ALPHA_STD = 1e-3  # of the model of alpha

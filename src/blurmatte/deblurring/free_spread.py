@@ -12,12 +12,9 @@ count: early iterations hold the resolved details. Errors are those of estimates
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_map
+from blurmatte.checks import Array, Bools, Floats, check_map
 from blurmatte.point_spread import PointSpread
-
-Array = npt.NDArray[np.float64]
 
 _MAX_ITERATIONS = 500
 _DRAWS = 12  # alphas drawn for the error

@@ -14,14 +14,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring import banded_kernel as kernel
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.operator import Sparse
 from blurmatte.deblurring.sphere import FIELD_STD, Sphere
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

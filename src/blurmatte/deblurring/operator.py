@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array, Ints32
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
-Array = npt.NDArray[np.float64]
 Sparse = Any  # scipy.sparse.csr_matrix
 
 MAX_STEP_PX = 0.5  # motion between two moments
@@ -141,7 +141,7 @@ class Seen(NamedTuple):
     The rim is that of a shape.
     """
 
-    covered: tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array]
+    covered: tuple[npt.NDArray[np.int64], Ints32, Array]
     xy: Array
     to_disc: Array
     width: int

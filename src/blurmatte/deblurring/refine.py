@@ -21,8 +21,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring.gaussian import (
     GaussianFit,
     fit_gaussian,
@@ -36,7 +36,6 @@ from blurmatte.deblurring.sphere import HARMONICS, Sphere
 from blurmatte.deblurring.view import View
 from blurmatte.statistics import scaled_inverse
 
-Array = npt.NDArray[np.float64]
 Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 
 LEAST_GAIN = 0.5  # expected increase of the log evidence by a step

@@ -7,12 +7,10 @@ standardized residuals, and independent ones, give the ratio of its variances.
 """
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.refine import Explained
-
-Array = npt.NDArray[np.float64]
 
 _SAMPLES = 4  # of noise in a picture
 _MAX_LAG_PX = 8  # of the autocorrelation: a block of a JPEG file
@@ -35,7 +33,7 @@ def color_variance_inflation(state: Explained, fit: GaussianFit) -> float:
     return max(1.0, correlated / independent)
 
 
-def _spectrum(residual: Array, use: npt.NDArray[np.bool_]) -> Array:
+def _spectrum(residual: Array, use: Bools) -> Array:
     """Power of `rfft2` of noise of variance 1 with the autocorrelation of residuals (h, w, 3)."""
     size = _padded(*use.shape)
     energy = np.abs(np.fft.rfft2(np.where(use[..., None], residual, 0), size, axes=(0, 1))) ** 2

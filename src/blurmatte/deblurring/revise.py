@@ -21,8 +21,8 @@ cubic path can increase the evidence decisively more than one of the fitted kind
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.refine import Explained, explained, information_of, refined
 from blurmatte.deblurring.view import View
@@ -30,9 +30,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, scaled_inverse
 from blurmatte.sweep.model.path import CUBIC
 from blurmatte.sweep.sweep import Diagnostics, Sweep
-
-Array = npt.NDArray[np.float64]
-
 
 # Settings of the search for other motions.
 _RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks

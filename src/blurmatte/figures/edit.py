@@ -4,10 +4,9 @@ from io import BytesIO
 
 import numpy as np
 
-from blurmatte.checks import Box, check_kind, check_same_size
+from blurmatte.checks import Box, Codes8, check_kind, check_same_size
 from blurmatte.compositing import Exposures
 from blurmatte.figures.drawing import (
-    Pixels,
     fitted,
     gray_codes,
     over_checkerboard,
@@ -26,7 +25,7 @@ def draw_edit(
     before: LinearImage | None = None,
     after: LinearImage | None = None,
     remark: str = "",
-) -> Pixels:
+) -> Codes8:
     """Draw an object before and after an edit, alone and in its picture.
 
     Parameters
@@ -75,7 +74,7 @@ def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
     ]
 
 
-def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
+def draw_look(thing: LinearImage | Layer | Solution) -> Codes8:
     """Draw a picture, a layer or a solution for a quick look.
 
     Parameters
@@ -126,7 +125,7 @@ def png_of_look(thing: LinearImage | Layer | Solution) -> bytes:
     return file.getvalue()
 
 
-def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
+def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     """Draw the exposure fraction of each paint of an object.
 
     Parameters

@@ -2,11 +2,10 @@
 
 import numpy as np
 
-from blurmatte.checks import Array, Box, check_kind, check_same_size
+from blurmatte.checks import Array, Box, Codes8, check_kind, check_same_size
 from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import (
     Palette,
-    Pixels,
     draw_line,
     ellipse_enlargement,
     error_ellipse,
@@ -19,7 +18,7 @@ from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 
 
-def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixels:
+def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes8:
     """Draw a motion over the picture: path, first and last outline, and the errors.
 
     Without a fitted shape the outline is the disc of the silhouette's area. Ellipses show one standard

@@ -3,12 +3,13 @@
 import numpy as np
 
 from blurmatte.background import PlateFit
+from blurmatte.checks import Codes8
 from blurmatte.explain.explain import explain
-from blurmatte.figures.drawing import Palette, Pixels, heat_codes, round_up, srgb_codes
+from blurmatte.figures.drawing import Palette, heat_codes, round_up, srgb_codes
 from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
 
 
-def draw_plate(fit: PlateFit) -> Pixels:
+def draw_plate(fit: PlateFit) -> Codes8:
     """Draw a plate, the share of frames that show each pixel, and its error on one sheet.
 
     Parameters

@@ -4,16 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.checks import Codes8, check_kind, check_same_size
 from blurmatte.deblurring.sharp import Sharp
-from blurmatte.figures.drawing import Pixels, gray_codes, over_checkerboard, round_up, srgb_codes
+from blurmatte.figures.drawing import gray_codes, over_checkerboard, round_up, srgb_codes
 from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 
 _STRIP = 8  # sub-frames
 
 
-def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Pixels:
+def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8:
     """Draw an object sharp at moments of the exposure, and its error.
 
     Parameters

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, check_same_size
+from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.explain import explain
@@ -14,7 +14,6 @@ from blurmatte.explain.sweep import shape_is_likeliest
 from blurmatte.figures.drawing import (
     Color,
     Palette,
-    Pixels,
     checkerboard,
     draw_line,
     fitted,
@@ -40,7 +39,7 @@ _FLAGS: dict[Quality, tuple[Color, str]] = {
 }
 
 
-def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) -> Pixels:
+def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) -> Codes8:
     """Draw a solution on one sheet.
 
     Parameters
@@ -85,7 +84,7 @@ def _warned(solution: Solution) -> list[str]:
     return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
-def _head(sheet: Sheet, whole: Pixels, solution: Solution) -> None:
+def _head(sheet: Sheet, whole: Codes8, solution: Solution) -> None:
     """Draw the whole picture and, to its right, the findings in words."""
     sheet.paste(whole, Page.margin, sheet.y)
     x = Page.margin + whole.shape[1] + Page.gap + 8
@@ -203,9 +202,9 @@ def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
     return (rows.start, rows.stop), (columns.start, columns.stop)
 
 
-def _swatch(model: ColorModel, width: int) -> list[Pixels]:
+def _swatch(model: ColorModel, width: int) -> list[Codes8]:
     """Rows of a swatch: shades of one paint; of several their mean, and mixtures of two below it."""
-    rows, height = list[Pixels](), 56
+    rows, height = list[Codes8](), 56
     if model.rank > 1 and model.color:
         mean = np.array(list(bytes.fromhex(model.color[1:])), np.uint8)
         height = 56 if model.rank == 3 else 40
@@ -218,7 +217,7 @@ def _swatch(model: ColorModel, width: int) -> list[Pixels]:
     return rows
 
 
-def _possible(model: ColorModel) -> list[Pixels]:
+def _possible(model: ColorModel) -> list[Codes8]:
     """A row of swatches of the possible colors for each color of the model."""
     colors = np.stack([other.srgb for other in model.possible], axis=1)
     return [srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
@@ -255,7 +254,7 @@ def _error_panel(part: Solution) -> Panel:
     return Panel(pixels, "error", "std of alpha in the streak", legend)
 
 
-def _whole(image: LinearImage, solution: Solution) -> Pixels:
+def _whole(image: LinearImage, solution: Solution) -> Codes8:
     """The whole picture with a box around each moving object."""
     from PIL import ImageDraw
 

@@ -13,9 +13,8 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 # 4:2:0 shares the chroma of two columns at the left one: players and cameras assume this where it is
 # not stated (ITU-T H.264, figure E-1). FFmpeg alone would put it between the columns.

@@ -10,8 +10,8 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.files.clip_decoding import opened
 from blurmatte.files.clip_geometry import side_data_of
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
@@ -23,8 +23,6 @@ from blurmatte.radiometry.transform_coding import (
     CodingErrors,
     quantization_variance,
 )
-
-Array = npt.NDArray[np.float64]
 
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
 _FRAMES_IN_MEMORY = 4

@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any, TypeVar, dataclass_transform, get_args
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AliasChoices, ConfigDict, PlainValidator, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
+from blurmatte.checks import Array
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_exists, unreadable
 
@@ -155,7 +155,7 @@ def covariance_matrix(high: float, *shape: int | None) -> PlainValidator:
     """A field that holds a covariance: symmetric, without a negative variance, at most `high`."""
     check = numbers(-high, high, *shape).func
 
-    def positive(value: Any) -> npt.NDArray[np.float64]:
+    def positive(value: Any) -> Array:
         """The matrix; ValueError if it is no covariance."""
         C = np.asarray(check(value))  # type: ignore[call-arg]
         slack = 1e-6 * np.abs(C).max(initial=0)

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, check_kind
+from blurmatte.checks import MAX_PIXELS, Codes8, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
@@ -45,8 +44,7 @@ from blurmatte.radiometry.transfer import Transfer
 from blurmatte.radiometry.transform_coding import CodingErrors
 
 Frame = TypeVar("Frame", LinearImage, Layer)
-Codes = npt.NDArray[np.uint8]
-Thing = Layer | LinearImage | Codes
+Thing = Layer | LinearImage | Codes8
 
 _decode_pictures = partial(decode_frames, coding_errors=coding_errors)
 
@@ -266,7 +264,7 @@ def read_layers(
 
 def write_frames(
     path: str | Path,
-    things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes],
+    things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes8],
     rate: float | None = None,
     start: int | Sequence[int] = 1,
 ) -> list[Path]:

@@ -11,12 +11,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.radiometry.transfer import LINEAR, SRGB, Transfer, gamma
-
-Matrix = npt.NDArray[np.float64]
 
 SAME_PRIMARIES = (
     3e-3  # of a matrix to sRGB: sRGB profiles differ so much in their adaptation to D50
@@ -42,7 +39,7 @@ class Profile:
 
     curves: tuple[Transfer, Transfer, Transfer]  # curves of red, green and blue
     # From linear light with the profile's primaries to sRGB primaries; None if they are equal
-    matrix: Matrix | None
+    matrix: Array | None
 
 
 @lru_cache(maxsize=8)  # pictures of one camera share one profile, and hence one Transfer
@@ -133,8 +130,8 @@ def _power(exponent: float) -> Transfer:
 class _Polyline:
     """Linear interpolation; an odd function, and proportional above the last point."""
 
-    x: Matrix
-    y: Matrix
+    x: Array
+    y: Array
 
     def __call__(self, value: Floats) -> Floats:
         size = np.abs(value)

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
 
+from blurmatte.checks import Array
 from blurmatte.errors import FileError
 from blurmatte.files.documents import (
     DocumentError,
@@ -26,8 +26,6 @@ from blurmatte.files.documents import (
 )
 from blurmatte.files.yaml_text import parse_yaml
 from blurmatte.intrinsics import Intrinsics
-
-Array = npt.NDArray[np.float64]
 
 MIN_FOCAL_LENGTH = 1e-3  # pixels
 MAX_PX = 1e6  # of places and lengths; distortions are less

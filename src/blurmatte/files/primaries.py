@@ -8,7 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.files.icc import SAME_PRIMARIES, Matrix
+from blurmatte.checks import Array
+from blurmatte.files.icc import SAME_PRIMARIES
 
 Chromaticities = tuple[float, ...]
 
@@ -45,14 +46,14 @@ INTEROP_PRIMARIES: dict[str, Chromaticities] = {
 }
 
 
-def matrix_to_srgb(chromaticities: Sequence[float]) -> Matrix | None:
+def matrix_to_srgb(chromaticities: Sequence[float]) -> Array | None:
     """From linear light with these primaries to those of sRGB; None if they are equal.
 
     Raises ValueError if they are no primaries of three independent colors and a white.
     """
     with np.errstate(all="ignore"):
         try:
-            matrix: Matrix = np.linalg.inv(_to_xyz(_BT709)) @ _to_xyz(chromaticities)
+            matrix: Array = np.linalg.inv(_to_xyz(_BT709)) @ _to_xyz(chromaticities)
         except np.linalg.LinAlgError as error:
             raise ValueError("are no three colors") from error
     # Beyond any real color space; a matrix like that would make noise of the picture.
@@ -61,7 +62,7 @@ def matrix_to_srgb(chromaticities: Sequence[float]) -> Matrix | None:
     return None if bool(np.all(np.abs(matrix - np.eye(3)) < SAME_PRIMARIES)) else matrix
 
 
-def _to_xyz(chromaticities: Sequence[float]) -> Matrix:
+def _to_xyz(chromaticities: Sequence[float]) -> Array:
     """Columns: XYZ of red, green and blue, whose sum is white with Y = 1."""
     x, y = np.reshape(np.asarray(chromaticities, dtype=float), (4, 2)).T
     colors = np.stack([x, y, 1 - x - y])

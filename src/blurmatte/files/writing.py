@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import Floats
+from blurmatte.checks import Codes8, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.atomic import extension_of, moved_together, replacing
@@ -56,7 +56,7 @@ def write(
     | Sequence[Mapping[str, Any]]
     | str
     | Floats
-    | npt.NDArray[np.uint8],
+    | Codes8,
 ) -> None:
     """Write to a file in the format of its extension.
 

@@ -4,9 +4,8 @@ import io
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Bools, Codes8
 from blurmatte.jpeg.coefficients import ZIGZAG, Jpeg, JpegError
 from blurmatte.jpeg.reading import read_jpeg
 from blurmatte.jpeg.segments import is_rgb
@@ -20,7 +19,7 @@ _PILLOW_SUBSAMPLING = {
 }
 
 
-def replace_blocks(jpeg: Jpeg, codes: npt.NDArray[np.uint8], changed: Bools) -> Jpeg:
+def replace_blocks(jpeg: Jpeg, codes: Codes8, changed: Bools) -> Jpeg:
     """Compress the MCUs that contain a changed pixel; all others keep their coefficients.
 
     codes (H, W, 3) or (H, W) uint8: the whole picture as stored (not rotated), R'G'B' or gray like
@@ -57,7 +56,7 @@ def _affected_mcus(jpeg: Jpeg, changed: Bools) -> Bools:
     return np.asarray(cut.any(axis=(1, 3)))
 
 
-def _compress(jpeg: Jpeg, codes: npt.NDArray[np.uint8]) -> Jpeg:
+def _compress(jpeg: Jpeg, codes: Codes8) -> Jpeg:
     """Compress pixels by Pillow with the tables and the sampling of a JPEG."""
     from PIL import Image
 

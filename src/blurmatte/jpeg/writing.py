@@ -5,11 +5,11 @@ import struct
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Codes8
 from blurmatte.jpeg.coefficients import MAX_CODE_BITS, Jpeg, JpegError, scan_order
 from blurmatte.jpeg.segments import Marker
 
-Codes = npt.NDArray[np.uint32]
-Lengths = npt.NDArray[np.uint8]
+HuffmanCodes = npt.NDArray[np.uint32]
 
 
 def jpeg_bytes(jpeg: Jpeg) -> bytes:
@@ -47,7 +47,7 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
     )
 
 
-def _huffman_tables(counts: npt.NDArray[np.int64]) -> tuple[Codes, Lengths, bytes]:
+def _huffman_tables(counts: npt.NDArray[np.int64]) -> tuple[HuffmanCodes, Codes8, bytes]:
     """(4, 256) code and length of every symbol, and the body of the DHT segment."""
     codes, lengths = np.zeros((4, 256), np.uint32), np.zeros((4, 256), np.uint8)
     body = b""
@@ -91,7 +91,7 @@ def _scan_segment(jpeg: Jpeg) -> bytes:
     return _segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
 
 
-def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, Codes, Lengths]:
+def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, HuffmanCodes, Codes8]:
     """Optimal codes of at most 16 bits for symbols with the given frequencies.
 
     At least one of the frequencies (256,) is positive. Returns the symbols in the order of their
@@ -111,7 +111,7 @@ def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, Codes, Lengths]
     return bytes(symbols), codes, lengths
 
 
-def table_bytes(name: int, symbols: bytes, lengths: Lengths) -> bytes:
+def table_bytes(name: int, symbols: bytes, lengths: Codes8) -> bytes:
     """A table as stored in a DHT segment: identifier, number of codes per length, symbols."""
     per_length = np.bincount(lengths[list(symbols)], minlength=MAX_CODE_BITS + 1)
     return bytes([name, *per_length[1:].tolist()]) + symbols

@@ -9,10 +9,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background import Match
-from blurmatte.checks import Bools, Box, check_map
+from blurmatte.checks import Bools, Box, Codes8, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.fitting_size import FittingSize
@@ -140,7 +139,7 @@ class Case:
         inpaint_light(maps.within(box), C, B)
         return numbers
 
-    def _flags(self) -> npt.NDArray[np.uint8]:
+    def _flags(self) -> Codes8:
         """(H, W) quality that does not depend on the solver."""
         hidden = self.pictures.hidden
         saturated = ~(self.image.valid & self.plate.valid) & ~hidden
@@ -166,9 +165,7 @@ def rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:
     return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
 
 
-def _in_picture(
-    near: PixelMaps, box: Box, flags: npt.NDArray[np.uint8], out: PixelMaps | None
-) -> PixelMaps:
+def _in_picture(near: PixelMaps, box: Box, flags: Codes8, out: PixelMaps | None) -> PixelMaps:
     """Maps of a picture from those of a box, 0 elsewhere."""
     height, width = flags.shape
     maps = PixelMaps.zeros(height, width, near.alpha.dtype) if out is None else out

@@ -5,9 +5,8 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Box
+from blurmatte.checks import Array, Box
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative, alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged
@@ -71,7 +70,7 @@ class _Hypotheses:
     sweeps: list[Sweep]
     shapeless: list[_Shapeless]
     evidence: list[Evidence]
-    weights: npt.NDArray[np.float64]  #: (n,); they sum to 1
+    weights: Array  #: (n,); they sum to 1
     box: Box
     estimates: list[AlphaEstimate]  #: of all, in the box
 

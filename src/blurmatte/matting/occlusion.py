@@ -6,9 +6,8 @@ occluder it does not.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.streaks import dilated
 
 # Settings of the search for occluded pixels; ratios are of squared change and noise variance.
@@ -81,7 +80,7 @@ def _ends_at_edges(found: Bools, B: Array, variance: Array, use: Bools) -> bool:
     return bool(ranks[border[use]].mean() > 0.5 + _MIN_BORDER_SIGMA * std)
 
 
-def mean_of_neighbors(values: npt.NDArray[np.floating]) -> Array:
+def mean_of_neighbors(values: Floats) -> Array:
     """Mean over a patch around each pixel."""
     from scipy.ndimage import uniform_filter
 

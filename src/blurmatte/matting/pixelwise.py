@@ -5,15 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_map
+from blurmatte.checks import Codes, Codes8, Floats, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.matting import pixelwise_kernel as kernel
 from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, in_strips
 from blurmatte.radiometry import NoiseModel
-
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
 @dataclass(frozen=True)
@@ -39,7 +36,7 @@ class Pixelwise:
         model: ColorModel,
         image_noise: NoiseModel | Floats,
         plate_noise: NoiseModel | Floats,
-        flags: npt.NDArray[np.uint8] | None = None,
+        flags: Codes8 | None = None,
         tables: tuple[Floats, Floats] | None = None,
         out: PixelMaps | None = None,
     ) -> PixelMaps:
@@ -87,7 +84,7 @@ class Pixelwise:
         return maps
 
 
-def _unknown(maps: PixelMaps, flags: npt.NDArray[np.uint8] | None) -> PixelMaps:
+def _unknown(maps: PixelMaps, flags: Codes8 | None) -> PixelMaps:
     """Alpha and light 0 with an infinite error."""
     for values, stds in (
         (maps.alpha, maps.alpha_std),

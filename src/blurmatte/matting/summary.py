@@ -4,8 +4,8 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -34,7 +34,7 @@ def streak_summary(
     }
 
 
-def mean_light(maps: PixelMaps) -> npt.NDArray[np.float64] | None:
+def mean_light(maps: PixelMaps) -> Array | None:
     """(3,) light of the object over its alpha, both summed as in `Solution.layer`.
 
     None if that alpha sums to nothing.
@@ -92,7 +92,7 @@ def _scale_std(
     y, x = streak.rows_columns
     C, B = (np.asarray(p.rgb[y, x][inside], float) for p in (image, plate))
 
-    def total(pole: npt.NDArray[np.float64]) -> float:
+    def total(pole: Array) -> float:
         """Sum of alpha for a pole of the color model."""
         normals = perpendicular(pole) if model.rank == 1 else pole[:, None]
         b, d = B @ normals, (B - C) @ normals

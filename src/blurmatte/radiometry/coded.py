@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Box
+from blurmatte.checks import Box, Floats32
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transform_coding import CodingErrors
 
@@ -32,7 +32,7 @@ class RgbCodes:
     """
 
     codes: npt.NDArray[np.unsignedinteger]
-    table: npt.NDArray[np.float32]
+    table: Floats32
     white: int
 
 

@@ -11,9 +11,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Floats
+from blurmatte.checks import Array, Codes8, Floats, Floats32
 
 Steps = tuple[tuple[int, ...], ...]
 
@@ -104,7 +103,7 @@ class Compression:
         whole, place = self._whole(codes)
         return np.asarray(self._written(whole)[place] / 255)
 
-    def _whole(self, codes: Floats) -> tuple[npt.NDArray[np.float32], tuple[slice, slice]]:
+    def _whole(self, codes: Floats) -> tuple[Floats32, tuple[slice, slice]]:
         """Codes padded to whole coded units, and the place of the codes in them."""
         h, w = codes.shape[:2]
         left, top = (o % n for o, n in zip(self.origin, self.mcu, strict=True))
@@ -112,7 +111,7 @@ class Compression:
         whole = np.pad(np.asarray(codes, np.float32), sides, mode="edge")
         return whole, (slice(top, top + h), slice(left, left + w))
 
-    def _written(self, whole: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+    def _written(self, whole: Floats32) -> Codes8:
         """Code values 0…255 read from a file of code values 0…1."""
         from PIL import Image
 
@@ -126,6 +125,6 @@ class Compression:
 
 
 @cache
-def _noise() -> npt.NDArray[np.float32]:
+def _noise() -> Floats32:
     """Normal numbers of _NOISE_SHAPE."""
     return np.random.default_rng(0).standard_normal(_NOISE_SHAPE, dtype=np.float32)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 
 Curve = Callable[[Any], Any]
 
@@ -71,7 +71,7 @@ class Transfer:
         codes = np.arange(len(values)) / (len(values) - 1)
         return cls(name, _Lines(codes, values), _Lines(values, codes))
 
-    def table(self, levels: int) -> npt.NDArray[np.float64]:
+    def table(self, levels: int) -> Array:
         """(levels,) linear light of every code value of an integer file, `levels` = 256 or 65536."""
         return np.asarray(self.decode(np.arange(levels) / (levels - 1)), dtype=np.float64)
 
@@ -87,8 +87,8 @@ class Transfer:
 class _Lines:
     """Linear interpolation between points (x, y), mirrored at the first, extrapolated at the last."""
 
-    x: npt.NDArray[np.float64]
-    y: npt.NDArray[np.float64]
+    x: Array
+    y: Array
 
     def __call__(self, x: Any) -> Any:
         where = np.asarray(x)
@@ -99,7 +99,7 @@ class _Lines:
             outputs[part] = self._some(inputs[part].astype(np.float64))
         return y if y.ndim else y[()]
 
-    def _some(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def _some(self, x: Array) -> Array:
         first, last = self.x[[0, -1]]
         y = np.interp(x, self.x, self.y)
         below, above = x < first, x > last

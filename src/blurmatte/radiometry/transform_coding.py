@@ -21,7 +21,7 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Floats
+from blurmatte.checks import Array, Floats, Floats32
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.radiometry.transfer import Transfer
 
@@ -52,7 +52,7 @@ class CodingError:
         Of the code values.
     """
 
-    blocks: npt.NDArray[np.float32]
+    blocks: Floats32
     size: tuple[int, int]
     transfer: Transfer
 
@@ -116,7 +116,7 @@ class FrameCoding:
         return variance
 
 
-def lost_change(change: npt.NDArray[np.floating], step: float) -> Array:
+def lost_change(change: Floats, step: float) -> Array:
     """(h, w) what moving blocks lose of a change (h, w) of code values; h and w in whole blocks."""
     from scipy.fft import dctn, idctn
 
@@ -163,9 +163,7 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     return np.asarray(lost.mean(axis=(2, 3)) * step**2)
 
 
-def _residuals(
-    plane: npt.NDArray[np.generic], h: int, w: int
-) -> Iterator[tuple[slice, npt.NDArray[np.float32]]]:
+def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> Iterator[tuple[slice, Floats32]]:
     """(n, w, 8, 8) coefficients of some rows of blocks; of the mean the difference to others.
 
     The mean of a block is predicted from those above and left.
@@ -180,7 +178,7 @@ def _residuals(
         more = [(0, side - given) for side, given in zip(sides, part.shape, strict=True)]
         whole = np.pad(part, more, mode="edge").astype(np.float32)
         blocks = whole.reshape(-1, BLOCK, w, BLOCK).transpose(0, 2, 1, 3)
-        coefficients: npt.NDArray[np.float32] = dctn(blocks, axes=(2, 3), norm="ortho")
+        coefficients: Floats32 = dctn(blocks, axes=(2, 3), norm="ortho")
         mean = coefficients[..., 0, 0].copy()
         rim = (1 - len(above), 0), (1, 0)
         padded = np.pad(np.concatenate([above, mean]), rim, mode="edge")

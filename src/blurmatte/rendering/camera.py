@@ -4,14 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.checks import Floats, check_light, check_not_negative
+from blurmatte.checks import Codes, Floats, check_light, check_not_negative
 from blurmatte.jpeg import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.mosaic import variance_shares
 from blurmatte.rendering.codes import (
     CHROMAS,
     FULL_CHROMA,
-    Codes,
     check_8_bit_codes,
     check_bits,
     from_jpeg,

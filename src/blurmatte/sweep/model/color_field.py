@@ -27,7 +27,6 @@ from blurmatte.sweep.model import color_field_kernel
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
-Indices = npt.NDArray[np.int64]
 Light = tuple[Array, Array, Array, Array]
 
 
@@ -44,8 +43,8 @@ class Grid:
     """Nodes of the cells that an object covered."""
 
     pitch: float  # pixels from node to node
-    number: Indices  # number of each node, −1 where there is none
-    neighbors: Indices  # pairs of adjacent nodes, the lower number first
+    number: npt.NDArray[np.int64]  # number of each node, −1 where there is none
+    neighbors: npt.NDArray[np.int64]  # pairs of adjacent nodes, the lower number first
     width: int  # of the lower band of a matrix that couples nodes of one cell
 
     @classmethod
@@ -151,6 +150,6 @@ def fit_field(
     return field, e
 
 
-def _pairs(a: Indices, b: Indices) -> Indices:
+def _pairs(a: npt.NDArray[np.int64], b: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     both = (a >= 0) & (b >= 0)
     return np.sort(np.stack([a[both], b[both]]), axis=0)
