@@ -1,4 +1,4 @@
-"""The search for bands in the residuals of an alignment; see `bands`."""
+"""The search for bands in the residuals of an alignment; see `match`."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from blurmatte.background.alignment import (
     gain_score,
     log_likelihood_gains,
 )
-from blurmatte.background.bands import Bands, coordinates_across, functions_of_bands
+from blurmatte.background.match import Bands, coordinates_across, functions_of_bands
 from blurmatte.background.warp import to_centered
 from blurmatte.checks import Array
 

@@ -22,7 +22,6 @@ from blurmatte.background.alignment import (
     log_likelihood_gain,
     residual_and_image_std,
 )
-from blurmatte.background.bands import Bands
 from blurmatte.background.fit_bands import (
     MAX_HARMONICS,
     bands_of,
@@ -32,7 +31,7 @@ from blurmatte.background.fit_bands import (
     strongest_bands,
     with_bands,
 )
-from blurmatte.background.match import Match, median_light
+from blurmatte.background.match import Bands, Match, median_light
 from blurmatte.background.warp import IDENTITY_LIGHT
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError

@@ -17,8 +17,8 @@ from blurmatte.files.clip_geometry import side_data_of
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
 from blurmatte.files.clip_times import Timing
 from blurmatte.radiometry.color_space import ycbcr_matrix
-from blurmatte.radiometry.compression import BLOCK
-from blurmatte.radiometry.transform_coding import (
+from blurmatte.radiometry.compression import (
+    BLOCK,
     CodingError,
     CodingErrors,
     quantization_variance,

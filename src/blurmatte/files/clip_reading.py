@@ -31,9 +31,9 @@ from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, RgbCodes
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
+from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
-from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma

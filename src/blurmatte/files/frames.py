@@ -39,9 +39,9 @@ from blurmatte.files.writing import write
 from blurmatte.formats import EXR, Writes, format_at, is_clip, written
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
+from blurmatte.radiometry.compression import CodingErrors
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
-from blurmatte.radiometry.transform_coding import CodingErrors
 
 Frame = TypeVar("Frame", LinearImage, Layer)
 Thing = Layer | LinearImage | Codes8

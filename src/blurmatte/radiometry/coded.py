@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Box, Floats32
+from blurmatte.radiometry.compression import CodingErrors
 from blurmatte.radiometry.image import LinearImage
-from blurmatte.radiometry.transform_coding import CodingErrors
 
 Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
 

@@ -21,10 +21,9 @@ from blurmatte.checks import (
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
-from blurmatte.radiometry.compression import Compression
+from blurmatte.radiometry.compression import Compression, FrameCoding
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, Transfer
-from blurmatte.radiometry.transform_coding import FrameCoding
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,8 @@ import pytest
 
 from blurmatte.radiometry import REC709, CodingError, LinearImage
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
+from blurmatte.radiometry.compression import CodingErrors, FrameCoding, lost_change
 from blurmatte.radiometry.image import Meta
-from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding, lost_change
 from blurmatte.rendering import Ball, Scene, render, textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep import fit_disc

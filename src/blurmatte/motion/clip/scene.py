@@ -22,7 +22,7 @@ from blurmatte.radiometry import (
     in_codes_of,
 )
 from blurmatte.radiometry.coded import CodedSequence
-from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
+from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.streaks import Change, Gate
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most

@@ -19,8 +19,7 @@ import numpy as np
 from blurmatte.checks import Array
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
-from blurmatte.radiometry.compression import BLOCK
-from blurmatte.radiometry.transform_coding import lost_change
+from blurmatte.radiometry.compression import BLOCK, lost_change
 from blurmatte.statistics import cell_means
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.state import State
