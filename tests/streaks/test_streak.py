@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from PIL import Image
+from scipy import ndimage
 
 import blurmatte as bm
 from blurmatte.rendering import add_noise, colorful_plate
 from blurmatte.streaks import Streak
-from blurmatte.streaks.streak import expected_false
+from blurmatte.streaks.streak import dilated, expected_false, opened
 
 BOXES = (40, 60, 160, 78), (200, 220, 224, 232)  # x0, y0, x1, y1
 
@@ -109,3 +110,21 @@ def test_only_streak_is_significant(light):
     plate = bm.LinearImage(light[1].astype(np.float32)[:150], bm.NoiseModel(1e-4, 1e-3))
     (found,) = bm.find_streaks(image, plate)
     assert found.significant
+
+
+def test_opened_equals_opening_of_scipy():
+    """Oracle: SciPy's opening, to the border."""
+    rng = np.random.default_rng(5)
+    for side in (3, 4, 31):
+        mask = ndimage.gaussian_filter(rng.normal(size=(side, 40)), 1.2) > 0
+        assert_array_equal(opened(mask), ndimage.binary_opening(mask, np.ones((3, 3))))
+
+
+@pytest.mark.parametrize("by", [0, 1, 3])
+def test_dilated_equals_dilation_of_scipy(by):
+    """Oracle: SciPy's dilation, to the border; the argument does not change."""
+    mask = np.random.default_rng(6).random((9, 14)) > 0.95
+    before = mask.copy()
+    expected = ndimage.binary_dilation(mask, iterations=by) if by else before
+    assert_array_equal(dilated(mask, by), expected)
+    assert_array_equal(mask, before)

@@ -13,13 +13,18 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import (
+    LENGTH,
+    SIZE,
+    BallSize,
+    Readout,
+    ScaleOptions,
+    check_camera,
     direction,
     meters,
     meters_per_second,
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Readout, ScaleOptions, check_camera
 from blurmatte.cli.selection import Layer, Reading
 
 PLANE = "A plane"

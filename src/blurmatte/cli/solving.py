@@ -139,8 +139,8 @@ class _OneOfRow:
 
 def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
     """Solve one image and write its results; what is printed of them."""
-    from blurmatte.explain.doubt import doubts
-    from blurmatte.explain.recomposition import usable_all_the_same
+    from blurmatte.explain.grade import doubts
+    from blurmatte.explain.solution import usable_all_the_same
 
     log = logging.getLogger("blurmatte")
     with about(path) as said:

@@ -12,9 +12,17 @@ from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, wo
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
 from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
-from blurmatte.cli.quantities import acceleration, direction, time_of_exposure, time_of_line
+from blurmatte.cli.quantities import (
+    SIZE,
+    Readout,
+    ScaleOptions,
+    acceleration,
+    check_camera,
+    direction,
+    time_of_exposure,
+    time_of_line,
+)
 from blurmatte.cli.rows import given_files
-from blurmatte.cli.scales import SIZE, Readout, ScaleOptions, check_camera
 from blurmatte.cli.selection import OBJECT, Chosen, Clip, Reading
 
 RUN = "The run"

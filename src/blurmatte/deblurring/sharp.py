@@ -15,8 +15,7 @@ from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
-from blurmatte.deblurring.refine import explained, refined
-from blurmatte.deblurring.residual_correlation import color_variance_inflation
+from blurmatte.deblurring.refine import color_variance_inflation, explained, refined
 from blurmatte.deblurring.revise import revised
 from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere

@@ -160,7 +160,7 @@ class Search:
         """(m, k) light of white highlights at the nodes that are visible."""
         from scipy.sparse import csr_matrix
 
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         lattice, still = Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS), np.zeros(3)
         first, columns, values = sphere_kernel.rows_of(
@@ -173,7 +173,7 @@ class Search:
         """A(ω)."""
         from scipy.sparse import csr_matrix
 
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         turns, size = Spin(rotation).turns(self.t), self.sphere.size
         first, columns, values = sphere_kernel.rows_of(
@@ -183,7 +183,7 @@ class Search:
 
     def _equations(self, rotation: Array, contrast: float, light: Array) -> tuple[Array, Array]:
         """Upper triangle of AᵀWA + λ Q (n, n), and AᵀW times light (m, k)."""
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         N, right = contrast**-2 * self.prior, np.zeros((self.sphere.size, light.shape[1]))
         turns, weighted = Spin(rotation).turns(self.t), self.W[:, None] * light
@@ -254,7 +254,7 @@ class Search:
         """The step of Gauss and Newton for log Z(ω), without the change of volume, at most 12°."""
         from scipy.linalg import solve_triangular
 
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         spin = Spin(rotation)
         J = sphere_kernel.turned(

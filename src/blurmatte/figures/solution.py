@@ -7,9 +7,14 @@ import numpy as np
 
 from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.explain import explain
-from blurmatte.explain.grade import alternatives_in_words, alternatives_of, grade_in_words
+from blurmatte.explain.grade import (
+    alpha_peak,
+    alternatives_in_words,
+    alternatives_of,
+    doubts,
+    grade_in_words,
+)
 from blurmatte.explain.sweep import shape_is_likeliest
 from blurmatte.figures.drawing import (
     Color,

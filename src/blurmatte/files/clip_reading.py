@@ -16,18 +16,19 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools, Box, Floats, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files.chroma_siting import siting_against, siting_of, with_siting
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
     Orientation,
     check_progressive,
     orientation_of,
+    siting_against,
+    siting_of,
+    with_siting,
 )
 from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
 from blurmatte.files.errors import check_size, check_square_pixels
-from blurmatte.files.icc import Profile
-from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
+from blurmatte.files.icc import CICP_PRIMARIES, Profile, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, RgbCodes
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709

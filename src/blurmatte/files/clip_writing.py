@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Codes8, Floats
-from blurmatte.files.chroma_siting import rec709_converter
 from blurmatte.files.clip_decoding import video_library
+from blurmatte.files.clip_geometry import rec709_converter
 from blurmatte.files.clip_reading import LIMITED_WHITE
 from blurmatte.files.encoding import H273
 from blurmatte.layer import Layer

@@ -16,14 +16,16 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Floats
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files.icc import Profile, ProfileError, parse_profile
-from blurmatte.files.png import PngHeader
-from blurmatte.files.primaries import (
+from blurmatte.files.icc import (
     ADOBE_RGB,
     CICP_PRIMARIES,
     INTEROP_PRIMARIES,
+    Profile,
+    ProfileError,
     matrix_to_srgb,
+    parse_profile,
 )
+from blurmatte.files.png import PngHeader
 from blurmatte.files.raster import CICP, DCF, IS_SRGB, PRIMARIES, Raster
 from blurmatte.formats import EXR
 from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma

@@ -19,8 +19,8 @@ from blurmatte.files.calibration import (
     noise_to_mapping,
     transfer_to_mapping,
 )
+from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.exr import exr_parts
-from blurmatte.files.json_text import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.lenses import intrinsics_to_mapping
 from blurmatte.files.models import model_to_json
 from blurmatte.files.raster import save_jpeg, save_pixels

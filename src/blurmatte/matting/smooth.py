@@ -18,7 +18,6 @@ import numpy as np
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.brightness_prior import with_brightness
 from blurmatte.matting.evidence import (
     FirstEstimate,
     Pixels,
@@ -27,14 +26,13 @@ from blurmatte.matting.evidence import (
     pixels_of,
     without_fine_structure,
 )
+from blurmatte.matting.light_priors import with_brightness, with_mixture
 from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.matting.mixed_plate import MixedPlate
-from blurmatte.matting.mixture_prior import with_mixture
 from blurmatte.matting.noise_inflation import BLOCK_PX, noise_inflation
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.rounding import rounding_pulls
-from blurmatte.matting.smooth_error import simulated_variance
 from blurmatte.matting.smooth_field import (
     MIN_ALPHA,
     Field,
@@ -42,6 +40,7 @@ from blurmatte.matting.smooth_field import (
     field_changes,
     finer_field,
     fit_field,
+    simulated_variance,
     sum_variance,
 )
 from blurmatte.radiometry import LinearImage

@@ -19,8 +19,7 @@ from blurmatte.rendering.codes import (
     to_jpeg,
 )
 from blurmatte.rendering.coverage import disc_kernel
-from blurmatte.rendering.processing import Processing
-from blurmatte.rendering.sensor import BAYER, Rng, noisy, through_mosaic
+from blurmatte.rendering.processing import BAYER, Processing, Rng, noisy, through_mosaic
 
 _NO_NOISE = NoiseModel()
 _NO_PROCESSING = Processing()

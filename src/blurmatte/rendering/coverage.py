@@ -7,6 +7,7 @@ the shape. Areas are (h, w), in pixels².
 import numpy as np
 
 from blurmatte.checks import Array
+from blurmatte.rendering import kernel
 
 
 def disc_coverage(x: Array, y: Array, radius: float) -> Array:
@@ -20,8 +21,6 @@ def disc_coverage(x: Array, y: Array, radius: float) -> Array:
     for y > 0 it is the area of the strip left of x, 2 S(x) + π/2, minus F(x, −y). The area in a cell
     is the mixed difference of F over the cell's corners.
     """
-    from blurmatte.rendering import kernel  # numba takes half a second to import
-
     x, y = np.clip(x / radius, -1, 1), np.clip(y / radius, -1, 1)
     c = np.sqrt(1 - y**2)
     area = np.empty((len(y) - 1, len(x) - 1))
@@ -41,8 +40,6 @@ def polygon_coverage(x: Array, y: Array, vertices: Array) -> Array:
 
     `vertices` (n, 2) are in order, in either orientation, and may lie outside the grid.
     """
-    from blurmatte.rendering import kernel
-
     area = np.zeros((len(y) - 1, len(x) - 1))
     kernel.polygon(x, y, np.ascontiguousarray(vertices, dtype=float), area)
     return area

@@ -14,7 +14,7 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering.lighting import check_color
-from blurmatte.rendering.sensor import Rng
+from blurmatte.rendering.processing import Rng
 
 # Color photographs that come with scikit-image, without a download.
 PHOTOS = ("astronaut", "chelsea", "coffee", "immunohistochemistry", "rocket", "stereo_motorcycle")

@@ -25,9 +25,8 @@ from blurmatte.streaks.evidence import (
     evidence,
     light_change,
 )
-from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
 from blurmatte.streaks.outliers import without_outliers
-from blurmatte.streaks.streak import Streak, expected_false
+from blurmatte.streaks.streak import Streak, cells_to_pixels, dilated, expected_false, opened
 
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction
 _MAX_WIDTH_RATIO = 2.0  # of two parts of one streak

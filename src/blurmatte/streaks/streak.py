@@ -1,4 +1,4 @@
-"""Streak: a region of the image in which something moved, and how many of them noise yields.
+"""Streak: a region of the image in which something moved, the morphology of its mask, and its chance.
 
 The picture is divided into tiles. The largest T of a tile where nothing moved has an extreme-value
 distribution; that of compression has a heavy tail, so that log T is taken as Gumbel (T as Fréchet).
@@ -144,3 +144,28 @@ class Streak:
 def check_streak(name: str, value: object) -> None:
     """Raise TypeError unless the value is a Streak or None."""
     check_kind(name, value, Streak | None, "use blurmatte.Streak(mask), or from_box")
+
+
+def opened(mask: Bools) -> Bools:
+    """Opening of a mask (H, W) by a square of 3 x 3 pixels."""
+    inside = np.pad(mask, 2)
+    for combine in (np.logical_and, np.logical_or):
+        inside = combine(combine(inside[:-2], inside[1:-1]), inside[2:])
+        inside = combine(combine(inside[:, :-2], inside[:, 1:-1]), inside[:, 2:])
+    return np.asarray(inside)
+
+
+def dilated(mask: Bools, by: int) -> Bools:
+    """Dilation of a mask (H, W) by so many steps along rows and columns."""
+    for _ in range(by):
+        before, mask = mask, mask.copy()
+        mask[1:] |= before[:-1]
+        mask[:-1] |= before[1:]
+        mask[:, 1:] |= before[:, :-1]
+        mask[:, :-1] |= before[:, 1:]
+    return mask
+
+
+def cells_to_pixels(cells: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
+    """(H, W) mask of `shape`: every cell repeated over `cell` x `cell` pixels."""
+    return np.asarray(cells.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]])

@@ -17,7 +17,7 @@ from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit.residuals import variance_inflation
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 
 CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
 

@@ -8,10 +8,9 @@ import numpy as np
 from blurmatte.checks import Array, Bools
 from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
 from blurmatte.statistics import block_squares, cell_means
-from blurmatte.streaks.morphology import dilated
-from blurmatte.streaks.streak import Streak
+from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import Blur, Compressed, File
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.pixels import Pixels
 
