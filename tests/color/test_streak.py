@@ -79,7 +79,7 @@ def taken(scene, code_std, seed):
 def quick_fit(image, plate):
     """`fit_color_from_hues` without the two fits that only separate kinds of evidence."""
     pixels = streak._streak_pixels(image, plate, find_streaks(image, plate)[0])
-    l, covariance = evidence.posterior(evidence.Evidence(True, True, np.inf), pixels)
+    l, covariance = evidence.posterior(evidence.EvidenceKinds(True, True, np.inf), pixels)
     model = ColorModel(l[:, None], covariance)
     streak._check_determined(model, pixels)
     streak._check_fit(model, pixels)
@@ -140,7 +140,7 @@ def columns(rng, count=12, exact=False):
         alpha = rng.uniform(0.1, 0.9, (count, 1))
         C = alpha * rng.uniform(0.2, 1, (count, 1)) * l + (1 - alpha) * B
     vC, vB = rng.uniform(1e-5, 1e-4, (2, count, 1)) * np.ones(3)
-    return l, evidence.Pixels(C, B, vC, vB, *(np.arange(count),) * 2, (np.zeros(0, int),) * 2)
+    return l, evidence.StreakPixels(C, B, vC, vB, *(np.arange(count),) * 2, (np.zeros(0, int),) * 2)
 
 
 def brute_force(l, C, B):

@@ -53,7 +53,7 @@ _COVARIANCE_TILES = 12  # per side; residuals of different tiles are independent
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class ComparedPair:
     """Both pictures at one resolution, and the n points at which they are compared.
 
     C, slope_x and slope_y (h, w, 3) are the image and the gradient of the plate, spline its spline
@@ -79,11 +79,11 @@ class Level:
         return width, height
 
     @property
-    def identity(self) -> "Fit":
+    def identity(self) -> "Alignment":
         """Neither motion nor change of light, without residuals."""
         bands = np.zeros((self.basis.shape[1] - len(IDENTITY_LIGHT) + 1, 3))
         light = np.concatenate([IDENTITY_LIGHT, bands])
-        return Fit(np.zeros(8), light, np.zeros((0, 3)), np.zeros((0, 0)))
+        return Alignment(np.zeros(8), light, np.zeros((0, 3)), np.zeros((0, 0)))
 
     def free_rows(self, light: int) -> list[int]:
         """The free rows of light: those of a member of LIGHTS, and all bands."""
@@ -91,7 +91,7 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Alignment:
     """Parameters h (8,) of the homography and light (7 + bands, 3): gain, offset, the other five
     coefficients, and those of bands.
 
@@ -119,7 +119,7 @@ def quartile_scale(residuals: Array) -> float:
     return float(np.quantile(r, 0.25)) / 0.3186 if r.size else 1.0  # 1 for a standard normal
 
 
-def levels(image: LinearImage, plate: LinearImage) -> Iterator[Level]:
+def levels(image: LinearImage, plate: LinearImage) -> Iterator[ComparedPair]:
     """Yield the levels of the pyramid, the finest first."""
     cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_PIXELS)))
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
@@ -146,7 +146,7 @@ def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
     return np.asarray(noise.variance(light) + 1e-8)  # a floor for images without rounding
 
 
-def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
+def _level(C: Array, B: Array, variance: Array, valid: Array) -> ComparedPair:
     from scipy.ndimage import binary_erosion, gaussian_filter
 
     C, B = (gaussian_filter(p, sigma=(1, 1, 0)) for p in (C, B))
@@ -160,7 +160,7 @@ def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
     sigma = np.sqrt((np.maximum(variance, 1e-14) + edges)[xy[:, 1], xy[:, 0]])
     image_slopes = np.stack([np.gradient(C, axis=axis) for axis in (1, 0)], axis=-1)
     spline = spline_coefficients(B)
-    return Level(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)
+    return ComparedPair(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)
 
 
 def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
@@ -179,7 +179,7 @@ def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
     return np.ascontiguousarray(np.unique(yx[inside[yx[:, 0], yx[:, 1]]], axis=0)[:, ::-1])
 
 
-def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
+def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> Alignment:
     """Fit what is free in a model (indices of GEOMETRIES and LIGHTS), by reweighted least squares.
 
     After convergence, outliers get no weight and the fit continues: a large object otherwise biases the
@@ -201,10 +201,10 @@ def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
         h[free] += step[: len(free)]
         light[rows] += step[len(free) :].reshape(3, len(rows)).T
     covariance = _covariance(level, h, residuals, slopes, free)
-    return Fit(h, light, residuals, covariance, model, tuple(rows))
+    return Alignment(h, light, residuals, covariance, model, tuple(rows))
 
 
-def first_step(level: Level) -> tuple[Array, Array, float]:
+def first_step(level: ComparedPair) -> tuple[Array, Array, float]:
     """First step of the largest model from the identity: h, light, and the log likelihood gained."""
     rows = list(LIGHTS[-1])
     residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
@@ -224,7 +224,9 @@ def _equations(residuals: Array, slopes: Array, inliers: Bools | np.bool_) -> tu
     return np.asarray(normal, dtype=float), np.asarray(gradient, dtype=float)
 
 
-def _covariance(level: Level, h: Array, residuals: Array, slopes: Array, free: list[int]) -> Array:
+def _covariance(
+    level: ComparedPair, h: Array, residuals: Array, slopes: Array, free: list[int]
+) -> Array:
     """Sandwich covariance of the free parameters, clustered by tiles [White 1980].
 
     Compression and rounding correlate residuals within a tile. The curvature is the product of the
@@ -260,7 +262,7 @@ def _weights(residuals: Array, scale: float) -> Array:
 
 
 def _compare(
-    level: Level, h: Array, light: Array, free: list[int], rows: list[int]
+    level: ComparedPair, h: Array, light: Array, free: list[int], rows: list[int]
 ) -> tuple[Array, Array]:
     """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free."""
     x, y = level.xy.T
@@ -273,7 +275,7 @@ def _compare(
     return residuals, slopes
 
 
-def log_likelihood_gain(small: Fit, large: Fit) -> float:
+def log_likelihood_gain(small: Alignment, large: Alignment) -> float:
     """Log likelihood of a larger model over that of a smaller one, on the points of both.
 
     −∞ if its residuals have a larger scale, as those of a light field that fits a large object.
@@ -283,7 +285,7 @@ def log_likelihood_gain(small: Fit, large: Fit) -> float:
     return float(log_likelihood_gains(small, large).sum())
 
 
-def log_likelihood_gains(small: Fit, large: Fit) -> Array:
+def log_likelihood_gains(small: Alignment, large: Alignment) -> Array:
     """(n,) log likelihood of a larger model over that of a smaller one, of each point.
 
     0 for points that one of them puts outside the plate.
@@ -300,7 +302,7 @@ def log_likelihood_gains(small: Fit, large: Fit) -> Array:
     return np.asarray((freedom + 1) / 2 * (before - after).sum(axis=1))
 
 
-def gain_score(level: Level, fit: Fit) -> tuple[Array, Array]:
+def gain_score(level: ComparedPair, fit: Alignment) -> tuple[Array, Array]:
     """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
     residuals, slopes = _compare(level, fit.h, fit.light, [], [0])
     scale = max(quartile_scale(residuals), _MIN_SCALE)
@@ -309,7 +311,7 @@ def gain_score(level: Level, fit: Fit) -> tuple[Array, Array]:
     return -weight * B * np.nan_to_num(residuals), weight * B**2
 
 
-def residual_and_image_std(level: Level, fit: Fit) -> tuple[float, float]:
+def residual_and_image_std(level: ComparedPair, fit: Alignment) -> tuple[float, float]:
     """Robust standard deviations, linear light: of the residuals, and of the image about its median."""
     C = level.C[level.xy[:, 1], level.xy[:, 0]]
     return quartile_scale(fit.residuals * level.sigma), quartile_scale(C - np.median(C, axis=0))

@@ -64,7 +64,7 @@ class Changes:
 
 
 @dataclass(frozen=True)
-class Looks:
+class Previews:
     """Files to look at, in addition to the result."""
 
     sheet: Annotated[Path | None, option("FILE", "Before and after: .png, .jpg.", LOOKS)] = None
@@ -124,7 +124,7 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Behind:
+class Background:
     """A picture to put layers over, where they go, and by how much their light is changed."""
 
     path: Path

@@ -42,7 +42,7 @@ ExposureTime = Annotated[
 
 
 @dataclass(frozen=True)
-class Timing:
+class ExposureTiming:
     """When the pixels were exposed."""
 
     exposure: ExposureTime = None
@@ -85,7 +85,7 @@ class Drawing:
 def measure(
     layer: Layer,
     scale: ScaleOptions,
-    timing: Timing,
+    timing: ExposureTiming,
     drawing: Drawing,
     reading: Reading,
     rotation: Annotated[

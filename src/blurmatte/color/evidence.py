@@ -36,7 +36,7 @@ _END_CHI2 = 9.0  # least at the ends of a grid: the posterior may rise again bey
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class StreakPixels:
     """The streak's pixels as columns: light, noise variances, and the block and tile of each.
 
     Sorted by block, and within blocks by tile.
@@ -50,11 +50,11 @@ class Pixels:
     tile: npt.NDArray[np.intp]  # (n,) over which alpha is nearly constant
     neighbors: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]  # adjacent blocks
 
-    def every(self, step: int) -> "Pixels":
+    def every(self, step: int) -> "StreakPixels":
         """Every `step`-th pixel."""
         columns = (self.C, self.B, self.vC, self.vB)
         C, B, vC, vB = (a[::step] for a in columns)
-        return Pixels(C, B, vC, vB, self.block[::step], self.tile[::step], self.neighbors)
+        return StreakPixels(C, B, vC, vB, self.block[::step], self.tile[::step], self.neighbors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +71,7 @@ class _Solutions:
     transmission: Array  # 1 − α, mean of a tile
 
 
-def closed_form(l: Array, p: Pixels) -> _Solutions:
+def closed_form(l: Array, p: StreakPixels) -> _Solutions:
     """The closed form for every direction l, (directions, 3), and pixel."""
     B_l, C_l = l @ p.B.T, l @ p.C.T
     across = np.stack([np.cross(l, axis) for axis in np.eye(3)])  # l × B = Σ B_c (l × e_c)
@@ -110,7 +110,7 @@ def _means(alpha: Array, weight: Array, tile: npt.NDArray[np.intp]) -> Array:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class EvidenceKinds:
     """The kinds of evidence to use, and the bound of brightness."""
 
     hue: bool
@@ -145,7 +145,7 @@ def _bounded(z: Array) -> Array:
     )
 
 
-def excess_cost(evidence: Evidence, l: Array, p: Pixels, phi: float) -> Array:
+def excess_cost(evidence: EvidenceKinds, l: Array, p: StreakPixels, phi: float) -> Array:
     """(directions,) χ² of each direction relative to the best of them.
 
     The excess Δ of a direction's cost over the least is a true difference λ plus noise of variance V
@@ -175,7 +175,7 @@ def excess_cost(evidence: Evidence, l: Array, p: Pixels, phi: float) -> Array:
     return np.asarray(np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi)
 
 
-def misfit(l: Array, p: Pixels) -> float:
+def misfit(l: Array, p: StreakPixels) -> float:
     """Variance inflation of the estimate by correlated residuals; 1 or more.
 
     The sums of z = r / s over blocks have φ times the variance of independent pixels if noise is
@@ -196,7 +196,7 @@ def misfit(l: Array, p: Pixels) -> float:
     return float(phi * (1 + (len(sums) - 1) * common))
 
 
-def posterior(evidence: Evidence, pixels: Pixels) -> tuple[Array, Array]:
+def posterior(evidence: EvidenceKinds, pixels: StreakPixels) -> tuple[Array, Array]:
     """Mean direction and (3, 3) covariance of the posterior.
 
     A grid of directions around the best one is rotated and scaled until it reaches four standard
@@ -241,7 +241,7 @@ def _moved(axes: Array, to: Array) -> tuple[Array, Array]:
     return to, np.stack([np.cross(to, first), first], axis=1)
 
 
-def _best_direction(evidence: Evidence, pixels: Pixels) -> Array:
+def _best_direction(evidence: EvidenceKinds, pixels: StreakPixels) -> Array:
     """The direction of least cost: a grid search, then local refinement of three minima."""
     few = pixels.every(max(1, len(pixels.C) // 500))
     grid = _octant(2.0)
@@ -254,7 +254,9 @@ def _best_direction(evidence: Evidence, pixels: Pixels) -> Array:
     return _refined(evidence, pixels, min(found, key=lambda f: f[1])[0], 0.1)[0]
 
 
-def _refined(evidence: Evidence, pixels: Pixels, start: Array, reach: float) -> tuple[Array, float]:
+def _refined(
+    evidence: EvidenceKinds, pixels: StreakPixels, start: Array, reach: float
+) -> tuple[Array, float]:
     """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees."""
     from scipy.optimize import minimize
 

@@ -19,7 +19,15 @@ import numpy as np
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Floats, check_same_size
-from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfit, posterior, unit
+from blurmatte.color.evidence import (
+    SLACK,
+    EvidenceKinds,
+    StreakPixels,
+    closed_form,
+    misfit,
+    posterior,
+    unit,
+)
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB, LinearImage, are_gray, check_same_colors
@@ -68,7 +76,7 @@ def fit_color_from_hues(
         streak = require_streaks(image, plate)[0]
     pixels = _streak_pixels(image, plate, streak)
     kinds = {
-        name: Evidence(hue, feasibility, max_brightness)
+        name: EvidenceKinds(hue, feasibility, max_brightness)
         for name, hue, feasibility in (
             ("both", True, True), ("hue variation", True, False), ("feasibility", False, True)
         )
@@ -129,7 +137,7 @@ def check_chroma_resolution(image: LinearImage, streak: Streak) -> None:
         )
 
 
-def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pixels:
+def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> StreakPixels:
     """A regular selection of the streak's usable pixels, ordered by block."""
     box = streak.around(_BLOCK)
     image, plate = image.crop(box), plate.crop(box)
@@ -164,11 +172,11 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
     least = 1e-12  # light², of float32
     apart = np.abs(blocks[:, None] - blocks[None]).sum(axis=-1)
     first, second = np.nonzero(np.triu(apart == 1))
-    return Pixels(C, B, vC + least, vB + least, block[order], tile[order], (first, second))
+    return StreakPixels(C, B, vC + least, vB + least, block[order], tile[order], (first, second))
 
 
 def _compression_covariance(
-    l: Array, evidence: Evidence, image: LinearImage, plate: LinearImage, streak: Streak
+    l: Array, evidence: EvidenceKinds, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> Array:
     """(3, 3) covariance from compression of the image; see `recompressed`."""
     box = streak.around(_RECOMPRESSION_MARGIN_PX)
@@ -186,7 +194,7 @@ def _tile(step: int) -> int:
     return next((size for size in (4, 8) if size**2 >= 8 * step), _BLOCK)
 
 
-def _check_determined(model: ColorModel, pixels: Pixels) -> None:
+def _check_determined(model: ColorModel, pixels: StreakPixels) -> None:
     """Raise ColorModelError if the direction is too uncertain."""
     B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
     near = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(B @ model.pole, -1, 1)) ** 2))))
@@ -207,7 +215,7 @@ def _check_determined(model: ColorModel, pixels: Pixels) -> None:
     )
 
 
-def _check_fit(model: ColorModel, pixels: Pixels) -> None:
+def _check_fit(model: ColorModel, pixels: StreakPixels) -> None:
     """Raise ColorModelError if a line does not fit the pixels, or many are infeasible."""
     a = closed_form(model.basis.T, pixels)
     unexplained = float(np.sum(a.r**2 - a.r_std**2))

@@ -54,7 +54,7 @@ _TOLERANCE_OF_SAMPLES = 0.05
 _MAX_PRODUCTS = 100  # of conjugate gradients
 
 
-class Compressed(NamedTuple):
+class DecodedColor(NamedTuple):
     """Straight color (n, 3), its variances (n, 3), and the reduced χ² s."""
 
     color: Array
@@ -118,7 +118,7 @@ def compressed_color(
     differences: Differences,
     smooth: GaussianFit,
     strengths: Array,
-) -> Compressed:
+) -> DecodedColor:
     """The color from the posterior under independent noise and a Gaussian prior."""
     solver = _Solver(state, equations, differences, smooth)
     solver.step(differences.weights(strengths))
@@ -141,7 +141,7 @@ def compressed_color(
     band = differences.band(solver.weights[:, 0], of_channels.width)
     scaled = posterior(of_channels, solver.independent_scale * band).variances()
     ratio = np.mean(np.square(samples), axis=0).sum(axis=0) / scaled.sum(axis=0)
-    return Compressed(solver.color, ratio * scaled, solver.misfit)
+    return DecodedColor(solver.color, ratio * scaled, solver.misfit)
 
 
 class _Solver:

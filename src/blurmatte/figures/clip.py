@@ -24,7 +24,7 @@ from blurmatte.figures.drawing import (
     sheet_style,
     srgb_codes,
 )
-from blurmatte.figures.sheet import Layout, Page, Panel, Sheet
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel
 from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.fall import FreeFall
@@ -115,7 +115,7 @@ def draw_clip(
     found = [row for row in rows if row.sighting is not None]
     picture, enlarged = _paths(plate, found, physics.scales)
     frames, of = len({row.frame for row in found}), len({row.frame for row in rows})
-    sheet, count = Sheet(), len(_objects(found))
+    sheet, count = Canvas(), len(_objects(found))
     several = f"{count} objects, " if count > 1 else ""
     sheet.title(name, f"{several}found in {frames} of {of} frames")
     notes, parts = list[str](), [picture]
@@ -138,7 +138,7 @@ def draw_clip(
     return sheet.pixels()
 
 
-def _draw_mattes(sheet: Sheet, mattes: Sequence[Matte]) -> None:
+def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
     """Draw the surroundings of the object in each frame, and below them its alpha, of one scale."""
     solved = [one for one in mattes if not one.layer.empty]
     if not solved:

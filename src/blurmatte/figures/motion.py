@@ -19,7 +19,7 @@ from blurmatte.figures.drawing import (
     srgb_codes,
     unit_circle,
 )
-from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.motion import Motion
@@ -72,7 +72,7 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes
         draw_line(
             pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, Palette.streak
         )
-    sheet = Sheet()
+    sheet = Canvas()
     sheet.title(image.meta.source or "blurmatte", repr(motion))
     sheet.picture(np.asarray(picture))
     note = f"Ellipses: one standard deviation of the ends, {enlarged:g} times enlarged."
@@ -129,7 +129,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8
     box = box_around(blurred, *moments)
     if box is None:
         raise ValueError("the object is outside the picture: there is nothing to show")
-    sheet, size = Sheet(), (box[2] - box[0], box[3] - box[1])
+    sheet, size = Canvas(), (box[2] - box[0], box[3] - box[1])
     facts = [f"radius {sharp.sweeps[0].radius:.1f} px", f"{len(sharp.color)} points"]
     facts.append(f"color ± {np.sqrt(np.mean(sharp.node_std**2)):.3f} of white")
     facts += [f"misfit {sharp.misfit:.2f} (1 is noise)"] if noise_known else []

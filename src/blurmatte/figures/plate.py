@@ -6,7 +6,7 @@ from blurmatte.background import PlateFit
 from blurmatte.checks import Codes8
 from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import Palette, heat_codes, round_up, srgb_codes
-from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Panel, size_text
 
 
 def draw_plate(fit: PlateFit) -> Codes8:
@@ -29,7 +29,7 @@ def draw_plate(fit: PlateFit) -> Codes8:
     errors = heat_codes(np.clip(std / top, 0, 1))
     errors[~known] = Palette.unknown
     unknown = (Palette.unknown, f"not known or clipped {1 - known.mean():.1%}")
-    sheet = Sheet()
+    sheet = Canvas()
     sheet.title("plate", f"{size_text(plate.size)} px of {len(fit.gain)} frames")
     sheet.sentences(explain(fit))
     panels = [

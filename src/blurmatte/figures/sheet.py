@@ -89,7 +89,7 @@ def size_text(size: tuple[int, int]) -> str:
     return f"{size[0]} x {size[1]}"
 
 
-class Sheet:
+class Canvas:
     """A canvas that is filled from top to bottom; `y` is the first free row."""
 
     def __init__(self) -> None:

@@ -28,7 +28,7 @@ from blurmatte.figures.drawing import (
     round_up,
     srgb_codes,
 )
-from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
 from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution, check_solution
@@ -72,7 +72,7 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     image, plate = image.in_srgb(), plate.in_srgb()
     layout = _layout(solution)
     panels = _panels(image, plate, solution, _surroundings(solution, layout))
-    sheet = Sheet()
+    sheet = Canvas()
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
     sheet.title(
         " over ".join(names) or "blurmatte", f"{size_text(solution.size)} px, {solution.solver}"
@@ -89,7 +89,7 @@ def _warned(solution: Solution) -> list[str]:
     return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
-def _head(sheet: Sheet, whole: Codes8, solution: Solution) -> None:
+def _head(sheet: Canvas, whole: Codes8, solution: Solution) -> None:
     """Draw the whole picture and, to its right, the findings in words."""
     sheet.paste(whole, Page.margin, sheet.y)
     x = Page.margin + whole.shape[1] + Page.gap + 8
@@ -103,7 +103,7 @@ def _head(sheet: Sheet, whole: Codes8, solution: Solution) -> None:
     sheet.y = max(y, sheet.y + whole.shape[0]) + Page.gap
 
 
-def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
+def _draw_model(sheet: Canvas, x: int, solution: Solution) -> int:
     """Draw swatches of the color model and its evidence; returns the bottom."""
     model = solution.model
     y = sheet.heading(x, sheet.y, "color of the object")
@@ -125,7 +125,7 @@ def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
     return y
 
 
-def _draw_alternatives(sheet: Sheet, x: int, y: int, solution: Solution) -> int:
+def _draw_alternatives(sheet: Canvas, x: int, y: int, solution: Solution) -> int:
     """Draw a row of swatches, the solution's own first, and sentences; returns the bottom.
 
     Draws nothing if the grade is confirmed or no hypotheses were compared.
@@ -145,7 +145,7 @@ def _draw_alternatives(sheet: Sheet, x: int, y: int, solution: Solution) -> int:
     return y
 
 
-def _draw_swatch(sheet: Sheet, x: int, y: int, width: int, one: Alternative) -> int:
+def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative) -> int:
     """Draw one color with its hex code, factor of alpha and weight; returns the bottom."""
     codes = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
     height = 48

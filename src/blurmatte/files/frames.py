@@ -345,12 +345,14 @@ def _frames(
         return Frames(numbers, clip.size, rate, partial(decode, clip), clip)
     warned: list[Warning | str] = []
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
-    load = _Pictures(tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned)
+    load = _PictureReader(
+        tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned
+    )
     return Frames(range(len(paths)), size, None, load, picture_numbers=picture_numbers(paths))
 
 
 @dataclass(frozen=True)
-class _Pictures(Generic[Frame]):
+class _PictureReader(Generic[Frame]):
     """Reads the pictures of a sequence; other processes can, too."""
 
     paths: tuple[Path, ...]

@@ -64,7 +64,7 @@ class _Shapeless:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hypotheses:
+class _WeightedHypotheses:
     """Weighted hypotheses: sweeps, the likeliest first, then those without a shape."""
 
     sweeps: list[Sweep]
@@ -75,7 +75,7 @@ class _Hypotheses:
     estimates: list[AlphaEstimate]  #: of all, in the box
 
     @classmethod
-    def of(cls, case: Case) -> "_Hypotheses":
+    def of(cls, case: Case) -> "_WeightedHypotheses":
         """Sweeps of a case, and hypotheses without a shape unless it has a solver."""
         assert case.hypotheses is not None
         sweeps = list(case.hypotheses.sweeps)
@@ -139,7 +139,7 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     `Solution.stats`.
     """
     fitted = case if case.fitted is None else case.fitted.case
-    found = _Hypotheses.of(fitted)
+    found = _WeightedHypotheses.of(fitted)
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     exact = case.is_exact
@@ -177,7 +177,7 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
 
 
 def _written(
-    found: _Hypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
+    found: _WeightedHypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
 ) -> tuple[ColorModel, Solver, PixelMaps]:
     """Colors and solver of the likeliest hypothesis, and maps with the average and its light."""
     box, best = found.box, found.best
@@ -195,8 +195,8 @@ def _written(
 
 
 def _enlarged(
-    found: _Hypotheses, average: AlphaEstimate, case: Case, size: FittingSize
-) -> tuple[_Hypotheses, AlphaEstimate]:
+    found: _WeightedHypotheses, average: AlphaEstimate, case: Case, size: FittingSize
+) -> tuple[_WeightedHypotheses, AlphaEstimate]:
     """Hypotheses and their average at full size.
 
     To alpha of the average, interpolated, every shape adds the difference of its alpha at full size
@@ -248,7 +248,7 @@ def _estimate(sweep: Sweep, box: Box) -> AlphaEstimate:
 
 
 def _alternatives(
-    found: _Hypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
+    found: _WeightedHypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
 ) -> list[Alternative]:
     """The listed hypotheses."""
     kinds = [one if isinstance(one, Sweep) else one.model for one in found.all]

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from blurmatte.checks import Array, Floats, Ints32
-from blurmatte.matting.evidence import Pixels
+from blurmatte.matting.evidence import PixelPairs
 from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence
@@ -20,7 +20,7 @@ from blurmatte.radiometry import YCBCR, LinearImage, Transfer
 
 
 def rounding_pulls(
-    pixels: Pixels, alpha: Floats, levels: Sequence[CellEvidence], samples: int = 16
+    pixels: PixelPairs, alpha: Floats, levels: Sequence[CellEvidence], samples: int = 16
 ) -> list[Array]:
     """Errors of the pull of each cell of the last level, one map for each sample.
 

@@ -18,10 +18,10 @@ from blurmatte.rendering.plates import textured_plate as textured_plate
 from blurmatte.rendering.plates import two_hue_plate as two_hue_plate
 from blurmatte.rendering.plates import wire_fence as wire_fence
 from blurmatte.rendering.pose import AT_REST as AT_REST
+from blurmatte.rendering.pose import CameraView as CameraView
 from blurmatte.rendering.pose import Change as Change
 from blurmatte.rendering.pose import Pinhole as Pinhole
 from blurmatte.rendering.pose import Pose as Pose
-from blurmatte.rendering.pose import View as View
 from blurmatte.rendering.pose import path_in_depth as path_in_depth
 from blurmatte.rendering.processing import Processing as Processing
 from blurmatte.rendering.processing import add_noise as add_noise

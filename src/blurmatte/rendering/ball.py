@@ -35,7 +35,7 @@ from blurmatte.rendering.lighting import (
     true_model,
     unit_direction,
 )
-from blurmatte.rendering.pose import Pose, View, sphere_outline
+from blurmatte.rendering.pose import CameraView, Pose, sphere_outline
 
 
 class SphereArguments(NamedTuple):
@@ -207,7 +207,7 @@ class Ball:
     def _arguments(self, pose: Pose) -> SphereArguments:
         colors = lamp_colors(self.lamps)
         center, stretch = self._outline(pose)
-        view = pose.view or View((0.0, 0.0), np.inf)
+        view = pose.view or CameraView((0.0, 0.0), np.inf)
         return SphereArguments(
             to_ball=np.asarray(np.linalg.inv(stretch) / self.radius, dtype=float),
             pinhole=pose.view is not None,

@@ -39,7 +39,7 @@ _MAX_GAIN_CHANGE = 0.005  # of one frame: smaller ones are noise of the median
 
 
 @dataclass(frozen=True)
-class Change:
+class FrameChange:
     """What moved in one frame."""
 
     number: int  # of the frame
@@ -103,7 +103,7 @@ class Gate:
                     table[touched] = np.inf
         return cls(expected, tuple(reach), tuple(of_blocks), plate.zero, plate.size)
 
-    def changes(self, frame: CodedFrame) -> Change:
+    def changes(self, frame: CodedFrame) -> FrameChange:
         """What moved in a frame; raises ValueError if it has another size."""
         check_same_size("a frame", frame.size, "plate", self.size)
         planes, block = _padded(frame.planes), _BLOCK_CELLS
@@ -117,7 +117,7 @@ class Gate:
             moved |= np.abs(sums) > self.block_reach[c]
         moved |= counts >= _MIN_CELLS
         boxes = _boxes(moved, CELL * block, self.size)
-        return Change(frame.number, frame.time, boxes, float(moved.mean()), gain)
+        return FrameChange(frame.number, frame.time, boxes, float(moved.mean()), gain)
 
 
 def _padded(planes: Planes) -> Planes:
