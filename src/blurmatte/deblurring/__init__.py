@@ -8,4 +8,4 @@ from blurmatte.deblurring.spin_fit import fit_spin as fit_spin
 from blurmatte.deblurring.spread import Dwell as Dwell
 from blurmatte.deblurring.spread import fit_dwell as fit_dwell
 from blurmatte.deblurring.spread import fit_psf as fit_psf
-from blurmatte.point_spread import PointSpread as PointSpread
+from blurmatte.trajectory import PointSpread as PointSpread

@@ -25,9 +25,9 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools, Floats, check_kind, check_map
 from blurmatte.deblurring.operator import Sparse
-from blurmatte.point_spread import PointSpread
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
+from blurmatte.trajectory import PointSpread
 
 _MAX_ITERATIONS = 500
 _DRAWS = 12  # alphas drawn for the error

@@ -28,10 +28,10 @@ from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
-from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import SRGB, Transfer
+from blurmatte.trajectory import PointSpread
 
 _Writer = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]

@@ -22,8 +22,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import kernel
-from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage
+from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage, shade
 from blurmatte.rendering.lighting import (
     Lamp,
     check_color,
@@ -169,7 +168,7 @@ class Ball:
         area = self._coverage(x_edges, y_edges, stretch)
         coverage, light = np.empty((len(y), len(x))), np.zeros((len(y), len(x), 3))
         smooth = self._is_smooth(stretch)
-        kernel.shade(self._arguments(pose), area, x_edges, y_edges, smooth, coverage, light)
+        shade(self._arguments(pose), area, x_edges, y_edges, smooth, coverage, light)
         return coverage, light
 
     def _outline(self, pose: Pose) -> tuple[Array, Array]:

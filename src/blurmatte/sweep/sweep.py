@@ -6,7 +6,6 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
-from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import (
@@ -19,7 +18,7 @@ from blurmatte.sweep.model.chroma_subsampling import (
 from blurmatte.sweep.model.path import PathFamily, path_spread
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha
-from blurmatte.trajectory import Trajectory
+from blurmatte.trajectory import PointSpread, Trajectory
 
 MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 for noise alone
 _MAX_RADIUS_ERROR = 0.25  # standard deviation of the radius, of the radius
