@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Codes8
 from blurmatte.jpeg.coefficients import MAX_CODE_BITS, ZIGZAG, Jpeg, JpegError, scan_order
+from blurmatte.jpeg.entropy import pack, tokenize
 from blurmatte.jpeg.reading import read_jpeg
 from blurmatte.jpeg.segments import Marker, is_rgb
 
@@ -30,8 +31,6 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
 
     Raises JpegError if the coefficients or the chroma sampling do not fit a sequential JPEG.
     """
-    from blurmatte.jpeg.entropy import pack, tokenize
-
     if sum(c.across * c.down for c in jpeg.components) > 10:  # blocks per MCU [T.81 B.2.3]
         raise JpegError("the sampling factors of the JPEG are too large for one scan")
     order, slots = scan_order(jpeg.size, jpeg.components, range(len(jpeg.components)))
