@@ -151,7 +151,7 @@ def average_hypotheses(
     average = calibrated(average, found.estimates, terms, compressed, exact)
     error, by_opacity = claimed_error(average), found.opacity_error
     average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
-    (grade, alpha_error) = graded(average)
+    grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
     if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
         because = ["duration", *because]
