@@ -94,7 +94,7 @@ def test_import_of_all_public_names_loads_no_heavy_package():
 
 
 def test_public_function_is_not_hidden_by_the_package_of_its_name():
-    code = "import blurmatte.explain.color, blurmatte; print(callable(blurmatte.explain))"
+    code = "import blurmatte.explain.explain, blurmatte; print(callable(blurmatte.explain))"
     assert printed(code) == "True"
 
 

@@ -24,6 +24,7 @@ import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.console import ExitCode, swatches
 from blurmatte.explain import grade_in_words
+from blurmatte.matting.alternatives import Alternative
 from blurmatte.rendering import add_noise, colorful_plate
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
@@ -148,7 +149,7 @@ def test_second_line_names_alternatives(scene, tmp_path, graded):
     own = {"name": "disc on an arc, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
     own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": 8.0}
     other = {**own, "hex": "#a04020", "weight": 0.1, "alpha_factor": 1.3}
-    graded("assumed", alternatives=(own, other))
+    graded("assumed", alternatives=tuple(Alternative(**one) for one in (own, other)))
     _, second, third, *_ = solve(scene, tmp_path).stdout.splitlines()
     assert second == "also fits: #a04020 with alpha x 1.30 (disc on an arc, one paint)"
     assert third.startswith("Solution(128x80, ")

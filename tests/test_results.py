@@ -14,7 +14,7 @@ from PIL import Image
 import blurmatte as bm
 from blurmatte.cli.console import in_degrees
 from blurmatte.clips.table import PictureRecord
-from blurmatte.figures.sheet import Sheet
+from blurmatte.figures.sheet import Canvas
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.summary import mean_light
 from blurmatte.radiometry import hex_of_light
@@ -115,7 +115,7 @@ def test_the_report_is_plain_json(tmp_path, solved):
 def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monkeypatch, axes):
     """Exact: of several paints that of the mean light of the layer, here white; of one its own."""
     drawn = []
-    monkeypatch.setattr(Sheet, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
+    monkeypatch.setattr(Canvas, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
     model = bm.ColorModel.from_hex(*axes)
     light = np.array([0.8, 0.8, 0.7]) if model.rank == 2 else 0.3 * model.rgb[0]
     truth = bm.rendering.render(

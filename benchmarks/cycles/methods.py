@@ -20,9 +20,9 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.assess.diagnostics import sweep_of
-from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.multistart import Multistart
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.fit.ranking import Candidate
+from blurmatte.sweep.model.color_field import ColorPrior
 
 OURS = "blurmatte"
 NOTHING_MORE = "plate"

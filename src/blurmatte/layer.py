@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import (
     MAX_PIXELS,
+    Array,
     Box,
     Floats,
     as_array,
@@ -92,7 +93,7 @@ class Layer(Displayed):
         return (int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1) if len(x) else None
 
     @property
-    def color(self) -> npt.NDArray[np.float64]:
+    def color(self) -> Array:
         """(3,) linear color of the object, the mean weighted by alpha.
 
         Raises
@@ -334,7 +335,7 @@ def box_around(*layers: Layer) -> Box | None:
     return int(x0), int(y0), int(x1), int(y1)
 
 
-def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
+def colors_of(colors: Iterable[Color]) -> Array:
     """(n, 3) linear light of one to three colors, each sRGB-coded hex or linear.
 
     Raises ValueError for another number, or values that are no colors.
@@ -348,7 +349,7 @@ def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
     return np.array(rows)
 
 
-def split(light: Floats, paints: npt.NDArray[np.float64]) -> Floats:
+def split(light: Floats, paints: Array) -> Floats:
     """(..., n) amounts of each paint in light (..., 3), by least squares.
 
     Raises ValueError if a paint is black, or paints are mixtures of one another to 3 degrees.

@@ -22,8 +22,8 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.explain.doubt import alpha_peak
 from blurmatte.explain.explain import explain
+from blurmatte.explain.grade import alpha_peak
 from blurmatte.figures import draw_exposures, draw_overview, draw_plate, sure_pixels
 from blurmatte.files import write_together
 from blurmatte.files.solutions import stats_to_mapping

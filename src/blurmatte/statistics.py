@@ -23,9 +23,7 @@ BLOCK_SIZES = (2, 4, 8, 16)  # pixels: compressed files have blocks of up to 16
 _CORE, _CORE_MEAN = 0.9, 0.623  # lower fraction of χ² of one degree of freedom, and its mean
 
 
-def chi_square_quantile(
-    probability: float, degrees_of_freedom: npt.ArrayLike
-) -> npt.NDArray[np.float64]:
+def chi_square_quantile(probability: float, degrees_of_freedom: npt.ArrayLike) -> Array:
     """Value below which χ² of (...) degrees of freedom, above 0, lies with a probability."""
     from scipy.special import gammaincinv
 
@@ -69,7 +67,7 @@ def window_sums(values: Floats | Bools, width: int, mode: str = "reflect") -> Ar
     return np.asarray(uniform_filter(values.astype(float), width, mode=mode) * width**2)
 
 
-def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
+def block_squares(e: Floats, use: Bools, size: int) -> Array:
     """(K, channels) squared block sums, each over the number of pixels summed.
 
     Their mean is the variance of a pixel if pixels are independent. Only blocks count of which more
@@ -81,11 +79,11 @@ def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
     """
     count = block_sums(use.astype(float), size)
     full = count > size**2 / 2
-    squares: npt.NDArray[np.floating] = block_sums(np.where(use[..., None], e, 0), size)[full] ** 2
+    squares: Floats = block_sums(np.where(use[..., None], e, 0), size)[full] ** 2
     return squares / count[full][:, None]
 
 
-def variance_inflation(e: Floats, use: Bools) -> npt.NDArray[np.float64]:
+def variance_inflation(e: Floats, use: Bools) -> Array:
     """(channels, 4) variance inflation over blocks of `BLOCK_SIZES`.
 
     1 for blocks larger than the region used. The parameters are those of `block_squares`.

@@ -26,7 +26,7 @@ from benchmarks.cycles.calibrate import (
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
     UNCOMPRESSED,
-    Calibration,
+    ErrorCalibration,
     ErrorTerms,
 )
 
@@ -56,7 +56,7 @@ def made_up(count=600, seed=0, coefficients=TRUE, kinds=KINDS):
 
 def ratios(content, samples):
     """Errors over calibrated errors."""
-    fitted = Calibration(**content)
+    fitted = ErrorCalibration(**content)
     return np.array([
         one.error / one.claim / fitted.factor(
             ErrorTerms(**one.terms), COMPRESSED if one.compressed else UNCOMPRESSED
@@ -161,7 +161,7 @@ def test_package_reads_what_calibrate_writes(tmp_path, monkeypatch):
     monkeypatch.setattr(calibrate, "_DATA", path)
     monkeypatch.setattr(calibrate, "gather", lambda *asked: samples)
     assert calibrate.calibrate(tmp_path, None, 1) == path
-    written = Calibration(**json.loads(path.read_text(encoding="utf-8")))
+    written = ErrorCalibration(**json.loads(path.read_text(encoding="utf-8")))
     assert set(written.coefficients) == set(TERMS)
     assert "60 pictures of Blender Cycles" in written.provenance
     expected = fit(samples, written.provenance)

@@ -13,7 +13,7 @@ import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.console import STAGES, ExitCode, in_options
 from blurmatte.files.png import png_chunks, save_chunks
-from blurmatte.radiometry.named_transfers import log_curve
+from blurmatte.radiometry.transfer import log_curve
 from blurmatte.rendering import colorful_plate
 
 SCREEN, COLUMNS = 45, 80

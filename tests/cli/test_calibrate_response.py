@@ -118,7 +118,7 @@ def test_refuses_files_of_another_kind(bracket, tmp_path):
 
 def test_names_missing_extras(bracket, tmp_path, monkeypatch):
     """Door: one line that says what to install."""
-    from blurmatte.radiometry.named_transfers import log_curve
+    from blurmatte.radiometry.transfer import log_curve
 
     log_curve.cache_clear()
     monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.cli.clip_table import Known, table
+from blurmatte.cli.clip_table import KnownQuantities, table
 from blurmatte.motion import Workers
 from blurmatte.motion.clip import measure
 from blurmatte.rendering import colorful_plate
@@ -80,7 +80,7 @@ def test_speed_allows_for_rolling_shutter():
     )  # fmt: skip
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
     rows = [bm.motion.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
-    known = Known(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
+    known = KnownQuantities(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
     lines = table(rows, None, [], known)
     fast = 100 / 0.0084
     slow = 100 / 0.0116

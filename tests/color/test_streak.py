@@ -2,6 +2,7 @@
 
 from colorsys import hsv_to_rgb
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -13,9 +14,10 @@ from blurmatte.color import (
     check_chroma_resolution,
     evidence,
     fit_color_from_hues,
-    posterior,
+    published_color_line,
     streak,
 )
+from blurmatte.color.streak import recompressed
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import SRGB, Compression, LinearImage, Meta, NoiseModel
 from blurmatte.rendering import (
@@ -24,6 +26,7 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Sheet,
+    Shot,
     colorful_plate,
     plain_plate,
     render,
@@ -37,6 +40,12 @@ FEW_OR_MANY = [
     pytest.param(range(3), id="few"),
     pytest.param(range(12), id="many", marks=pytest.mark.battery),
 ]
+SIZE_OF_FILE = (160, 112)
+GREEN = np.array([0.25, 0.7, 0.12])
+LINE = GREEN / np.linalg.norm(GREEN)
+PATH = Trajectory.line((50, 46), (110, 66))
+PAINT = np.array([0.7, 0.35, 0.1])
+WALL = np.array([0.3, 0.35, 0.45])
 
 
 def random_scene(seed, one_hue=False, two_paints=False):
@@ -70,7 +79,7 @@ def taken(scene, code_std, seed):
 def quick_fit(image, plate):
     """`fit_color_from_hues` without the two fits that only separate kinds of evidence."""
     pixels = streak._streak_pixels(image, plate, find_streaks(image, plate)[0])
-    l, covariance = posterior.posterior(evidence.Evidence(True, True, np.inf), pixels)
+    l, covariance = evidence.posterior(evidence.EvidenceKinds(True, True, np.inf), pixels)
     model = ColorModel(l[:, None], covariance)
     streak._check_determined(model, pixels)
     streak._check_fit(model, pixels)
@@ -125,13 +134,13 @@ def test_evidence_holds_the_std_of_each_kind(scene):
 
 def columns(rng, count=12, exact=False):
     """Random pixels and a color l; in those of `exact` the image is a mixture of l and the plate."""
-    l, B = posterior.unit(rng.uniform(0.1, 1, 3)), rng.uniform(0.1, 1, (count, 3))
+    l, B = evidence.unit(rng.uniform(0.1, 1, 3)), rng.uniform(0.1, 1, (count, 3))
     C = rng.uniform(0.1, 1, (count, 3))
     if exact:
         alpha = rng.uniform(0.1, 0.9, (count, 1))
         C = alpha * rng.uniform(0.2, 1, (count, 1)) * l + (1 - alpha) * B
     vC, vB = rng.uniform(1e-5, 1e-4, (2, count, 1)) * np.ones(3)
-    return l, evidence.Pixels(C, B, vC, vB, *(np.arange(count),) * 2, (np.zeros(0, int),) * 2)
+    return l, evidence.StreakPixels(C, B, vC, vB, *(np.arange(count),) * 2, (np.zeros(0, int),) * 2)
 
 
 def brute_force(l, C, B):
@@ -176,7 +185,7 @@ def test_errors_of_the_closed_form_are_propagated():
 
 @pytest.mark.parametrize("step", [1.0, 2.0, 5.0])
 def test_octant_grid_is_uniform(step):
-    grid = posterior._octant(step)
+    grid = evidence._octant(step)
     assert_allclose(np.linalg.norm(grid, axis=1), 1)
     assert grid.min() > 0
     assert_allclose(len(grid), np.pi / 2 / np.radians(step) ** 2, rtol=0.03)
@@ -269,7 +278,7 @@ def test_two_paints_give_a_mixture_or_an_error(seeds):
         except ColorModelError:
             continue
         share = np.linspace(0, 1, 50)[:, None]
-        mixtures = share * posterior.unit(paints[0]) + (1 - share) * posterior.unit(paints[1])
+        mixtures = share * evidence.unit(paints[0]) + (1 - share) * evidence.unit(paints[1])
         wrong += min(normalised2(model, mixture) for mixture in mixtures) > 3**2
     assert wrong <= len(seeds) / 12
 
@@ -314,7 +323,7 @@ def test_result_does_not_depend_on_exposure(scene, factor):
 def test_lower_brightness_bound_excludes_more_directions():
     """And admits no further ones."""
     l, p = columns(np.random.default_rng(2), exact=True)
-    grid = np.concatenate([l[None], posterior._octant(5)])
+    grid = np.concatenate([l[None], evidence._octant(5)])
     a = evidence.closed_form(grid, p)
     none, loose, tight = (evidence._infeasibility(a, grid, b) for b in (np.inf, 2.0, 1.0))
     assert np.all(none <= loose)
@@ -425,3 +434,133 @@ def test_bounded_cost_has_the_expected_spread_for_normal_residuals():
     bend = np.gradient(slope, step)
     # An estimate's variance is E[ψ²] / E[ψ′]²; a likelihood claims 1 / E[ψ′].
     assert_allclose(np.sum(slope**2 * normal), np.sum(bend * normal), rtol=1e-3)
+
+
+@cache
+def compressed(width, seed=0):
+    """Image and plate of an object of a given width, and its mask."""
+    scene = Scene(colorful_plate(SIZE_OF_FILE, seed, tile=18), PATH, Sheet(20, width, GREEN))
+    truth = render(scene, 120)
+    camera = Camera(code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
+    shot = Shot(scene, camera, plate_frames=5, seed=seed)
+    image, plate = with_noise(*shot.photograph(truth))
+    return image, plate, Streak(truth.layer.alpha > 0)
+
+
+def off(model):
+    return np.degrees(np.arccos(np.clip(model.pole @ LINE, -1, 1)))
+
+
+def test_recompressed_images_of_the_true_color_equal_the_photograph():
+    """honest: residuals within the streak are hardly larger than outside, where noise differs."""
+    image, plate, streak = compressed(14)
+    (light,), behind = recompressed(LINE, image, plate, streak, 1)
+    within, outside = (
+        np.sqrt(np.mean((light.rgb - image.rgb)[where] ** 2))
+        for where in (streak.mask, ~streak.mask)
+    )
+    assert 0.5 * outside < within < 2 * outside
+    assert np.sqrt(np.mean((behind.rgb - plate.rgb) ** 2)) < outside
+
+
+def test_recompressed_images_have_independent_noise():
+    image, plate, streak = compressed(14)
+    (same, other), (again,) = (
+        [light.rgb for light in recompressed(LINE, image, plate, streak, count)[0]]
+        for count in (2, 1)
+    )
+    assert np.array_equal(same, again)
+    assert not np.array_equal(same, other)
+
+
+def test_color_of_uncompressed_rendering_is_found():
+    image, plate, streak = compressed(14)
+    (light,), behind = recompressed(LINE, image, plate, streak, 1)
+    model = fit_color_from_hues(light, behind, streak)
+    assert off(model) < 3 * model.angle_std
+
+
+@pytest.mark.battery
+def test_std_with_compression_is_calibrated():
+    """A thin object in a file: neither overconfident nor much too cautious."""
+    models = [fit_color_from_hues(*compressed(10, seed)) for seed in range(6)]
+    z2 = [(off(model) / model.angle_std) ** 2 for model in models]
+    assert 0.2 < np.mean(z2) < 2
+
+
+@pytest.mark.battery
+def test_only_known_subsampling_adds_to_the_error():
+    image, plate, streak = compressed(10)
+    bare = replace(image, meta=replace(image.meta, compression=None))
+    assert image.meta.compression is not None
+    each = replace(image.meta.compression, shared=(1, 1))
+    own = replace(image, meta=replace(image.meta, compression=each))
+    by_file, known, unknown = (
+        fit_color_from_hues(picture, plate, streak) for picture in (image, own, bare)
+    )
+    assert np.array_equal(known.covariance, unknown.covariance)
+    more = np.linalg.eigvalsh(by_file.covariance - unknown.covariance)
+    assert more.min() > -1e-12
+    assert by_file.angle_std > 1.1 * unknown.angle_std
+    assert set(by_file.evidence) - set(unknown.evidence) == {"compression"}
+    parts = by_file.evidence["compression"], unknown.angle_std
+    assert max(parts) <= by_file.angle_std <= np.hypot(*parts) * (1 + 1e-12)
+    assert off(by_file) < 3 * by_file.angle_std
+
+
+def streak_colors(B, rng):
+    """Image colors before plate colors B (n, 3), for any shade and alpha."""
+    alpha, shade = rng.uniform(0.1, 0.9, (2, len(B), 1))
+    return alpha * shade * PAINT + (1 - alpha) * B
+
+
+def degrees_between(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+@pytest.mark.parametrize("pixels", [2, 3, 1000])
+def test_published_line_is_exact_without_noise(pixels):
+    rng = np.random.default_rng(pixels)
+    B = rng.uniform(0.1, 1, (pixels, 3))
+    model = published_color_line(streak_colors(B, rng), B)
+    assert model.rank == 1
+    assert_allclose(model.pole, PAINT / np.linalg.norm(PAINT), rtol=0, atol=1e-9)
+    assert not model.covariance.any()  # the paper has no error
+
+
+def test_two_pixels_are_the_cross_product_of_the_paper():
+    B = np.random.default_rng(0).uniform(0.1, 1, (2, 3))
+    C = np.random.default_rng(1).uniform(0.1, 1, (2, 3))  # not even from one paint
+    line = np.cross(*np.cross(C, B))
+    line /= np.linalg.norm(line) * np.sign(line.sum())
+    assert_allclose(published_color_line(C, B).pole, line, rtol=0, atol=1e-9)
+
+
+def test_accepts_pictures_and_lists_of_pixels():
+    rng = np.random.default_rng(2)
+    B = rng.uniform(0.1, 1, (60, 3))
+    C = streak_colors(B, rng)
+    pictures = published_color_line(C.reshape(6, 10, 3), B.reshape(6, 10, 3))
+    assert_allclose(pictures.pole, published_color_line(C, B).pole, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(("plate_std", "off"), [(0, 1), (0.005, 12)])
+def test_noise_biases_the_formula_to_the_plate_color(plate_std, off):
+    """The bias that `fit_color` must not have. Noise of the image adds |B|² I − B Bᵀ, which is least
+    along the plate; noise of the plate adds the same of C, between plate and paint.
+    """
+    rng = np.random.default_rng(3)
+    wall = plain_plate((60, 50), WALL, 4).reshape(-1, 3)
+    image = streak_colors(wall, rng)
+    found = published_color_line(
+        image + rng.normal(0, 0.005, image.shape), wall + plate_std * rng.normal(size=wall.shape)
+    ).pole
+    assert degrees_between(PAINT, WALL) > 30
+    assert degrees_between(found, WALL) < off
+
+
+@pytest.mark.parametrize(("image_shape", "plate_shape"), [((1, 3), (1, 3)), ((5, 3), (4, 3))])
+def test_rejects_too_few_pixels_and_different_shapes(image_shape, plate_shape):
+    said = f"two or more pixels .* got {image_shape[0]} of the image and {plate_shape[0]} of the"
+    with pytest.raises(ValueError, match=said):
+        published_color_line(np.ones(image_shape), np.ones(plate_shape))

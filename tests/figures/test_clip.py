@@ -9,7 +9,7 @@ import pytest
 from blurmatte.figures import ClipPhysics, Matte, draw_clip
 from blurmatte.figures.clip import charts_of
 from blurmatte.figures.drawing import Palette
-from blurmatte.figures.sheet import Sheet
+from blurmatte.figures.sheet import Canvas
 from blurmatte.layer import Layer
 from blurmatte.motion import BallPlace, FrameMotion, Scale, Sighting
 from blurmatte.radiometry import LinearImage
@@ -126,7 +126,7 @@ def test_sheet_without_matplotlib_has_no_charts(monkeypatch):
 def test_frames_are_shown_with_their_alpha(monkeypatch):
     """Exact: each frame has its number, and its alpha in the same surroundings; empty layers none."""
     titles = []
-    grid = Sheet.grid
+    grid = Canvas.grid
 
     def drawn(sheet, panels, layout, name):
         titles.extend(panel.title for panel in panels)
@@ -136,7 +136,7 @@ def test_frames_are_shown_with_their_alpha(monkeypatch):
             assert np.array_equal(bright, alpha.pixels.max(axis=-1) > 200)
         grid(sheet, panels, layout, name)
 
-    monkeypatch.setattr(Sheet, "grid", drawn)
+    monkeypatch.setattr(Canvas, "grid", drawn)
     width, height = PLATE.size
     mattes = []
     for k, x in enumerate((2, width - 9, None)):

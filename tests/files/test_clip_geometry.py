@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 
 from blurmatte.checks import DIRECTIONS
-from blurmatte.errors import FileError
-from blurmatte.files.clip_geometry import orientation_of
+from blurmatte.errors import BlurmatteWarning, FileError
+from blurmatte.files import read_frames
+from blurmatte.files.clip_geometry import filter_graph, orientation_of, siting_of
 from blurmatte.files.errors import check_square_pixels
+from blurmatte.radiometry import REC709, LinearImage
+from blurmatte.rendering import textured_plate
 
 NAMED = {
     "none": ((1, 0), (0, 1)),
@@ -20,6 +23,9 @@ NAMED = {
     "transposed": ((0, 1), (1, 0)),
     "transposed across": ((0, -1), (-1, 0)),
 }
+av = pytest.importorskip("av")
+
+SCALE = "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc="
 
 
 class Frame:
@@ -79,3 +85,87 @@ def test_pixels_that_are_not_square_are_refused():
         check_square_pixels("a.mp4", (720, 576), Fraction(16, 15))
     for aspect in (None, Fraction(1), Fraction(1280, 1281)):
         check_square_pixels("a.mp4", (854, 480), aspect)
+
+
+def edges(seed=4):
+    """(192, 256, 3) codes of patches of many colors, slightly out of focus."""
+    from scipy.ndimage import gaussian_filter
+
+    random, codes = np.random.default_rng(seed), np.full((192, 256, 3), 128.0)
+    for _ in range(300):
+        x, y, w, h = random.integers(0, (250, 186, 60, 60))
+        codes[y : y + h + 4, x : x + w + 4] = random.uniform(30, 225, 3)
+    return np.rint(gaussian_filter(codes, (0.7, 0.7, 0))).astype(np.uint8)
+
+
+def texture(seed=3):
+    """(192, 256, 3) codes of soft spots, brightness and colors independent."""
+    from scipy.ndimage import gaussian_filter
+
+    random = np.random.default_rng(seed)
+    noise = gaussian_filter(random.normal(size=(192, 256, 3)), (4, 4, 0))
+    return np.clip(128 + 30 * noise / noise.std(), 20, 235).astype(np.uint8)
+
+
+def sited(codes, siting, pixels="yuv420p"):
+    """The frame of these codes, its chroma averaged there by FFmpeg, and not saying so."""
+    frame = av.VideoFrame.from_ndarray(codes, format="rgb24")
+    graph = filter_graph(frame, ("scale", SCALE + siting), ("format", pixels))
+    graph.push(frame)
+    return graph.pull()
+
+
+def save(path, codes, siting):
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream("libx264", rate=25, options={"qp": "4"})
+        stream.width, stream.height, stream.pix_fmt = 256, 192, "yuv420p"
+        context = stream.codec_context
+        context.color_trc = context.color_primaries = context.colorspace = context.color_range = 1
+        for _ in range(3):
+            clip.mux(stream.encode(sited(codes, siting)))
+        clip.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("siting", ["left", "center", "topleft", "top"])
+def test_edges_show_where_chroma_lies(siting):
+    # oracle: FFmpeg put it there
+    assert siting_of(sited(edges(), siting)) == siting
+
+
+@pytest.mark.parametrize("siting", ["left", "center"])
+def test_edges_show_it_in_ten_bits_and_4_2_2(siting):
+    # oracle
+    assert siting_of(sited(edges(), siting, "yuv420p10le")) == siting
+    assert siting_of(sited(edges(), siting, "yuv422p")) == siting
+
+
+@pytest.mark.parametrize("siting", ["left", "center"])
+def test_textures_of_independent_colors_do_not_favor_one_position(siting):
+    # oracle: windows whose chroma follows luma by chance must not be chosen by that at one position
+    for seed in (1, 2):
+        light = textured_plate((960, 540), seed)
+        assert (
+            siting_of(sited(np.rint(255 * REC709.encode(light)).astype(np.uint8), siting)) == siting
+        )
+
+
+def test_nothing_is_claimed_without_edges_or_sharing():
+    # exact
+    assert siting_of(sited(texture(), "center")) == ""
+    assert siting_of(sited(np.full((192, 256, 3), 90, np.uint8), "left")) == ""
+    assert siting_of(sited(edges(), "left", "yuv444p")) is None
+
+
+@pytest.mark.parametrize("siting", ["left", "center", "topleft", "top"])
+def test_a_plate_shows_where_chroma_lies(tmp_path, siting):
+    # oracle: colors are then where the plate has them
+    codes = texture()
+    plate = LinearImage(REC709.decode(codes / 255).astype(np.float32))
+    frames = read_frames(save(tmp_path / "a.mp4", codes, siting))
+    with pytest.warns(BlurmatteWarning, match="up to 0.65 px off"):
+        assert frames.for_plate(None).place_std == (pytest.approx(0.65 / 2**0.5), 0)
+    matched = frames.for_plate(plate)
+    assert (matched.clip.siting, matched.place_std) == (siting, (0, 0))
+    off = 255 * (REC709.encode(matched[1].rgb) - codes / 255)[4:-4, 4:-4]
+    assert np.sqrt(np.mean(off**2)) < 2.0

@@ -24,7 +24,7 @@ from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
     UNCOMPRESSED,
-    Calibration,
+    ErrorCalibration,
     ErrorTerms,
     fitted_calibration,
 )
@@ -48,7 +48,7 @@ def slope(alpha):
 
 def factors(monkeypatch, by):
     """A calibration that multiplies every claim by the same factor."""
-    fixed = Calibration(float(np.log(by)), {}, {COMPRESSED: 1.0, UNCOMPRESSED: 1.0})
+    fixed = ErrorCalibration(float(np.log(by)), {}, {COMPRESSED: 1.0, UNCOMPRESSED: 1.0})
     monkeypatch.setattr(module, "fitted_calibration", lambda: fixed)
 
 

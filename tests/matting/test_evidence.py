@@ -7,8 +7,8 @@ from scipy.ndimage import gaussian_filter
 
 from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
+from blurmatte.matting.case import grown_mask
 from blurmatte.matting.evidence import evidence_of, min_alpha, pixels_of, without_fine_structure
-from blurmatte.matting.mask_growth import grown_mask
 from blurmatte.matting.noise_inflation import noise_inflation
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate

@@ -7,13 +7,13 @@ from numpy.testing import assert_allclose
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.rendering import (
     Ball,
+    CameraView,
     Change,
     Lamp,
     Pinhole,
     Pose,
     Scene,
     Sheet,
-    View,
     path_in_depth,
     plain_plate,
     render,
@@ -27,10 +27,10 @@ LAMPS = (Lamp((-0.5, -0.6, 0.5), (1, 0.9, 0.7)), Lamp((0.8, -0.2, 0.4), (0.2, 0.
 GLOSSY = Ball(9, ORANGE, lamps=LAMPS, highlight=0.5, shininess=8)
 TURNED = Change(turned=(0.5, 0.8, -0.3)).at(0).rotation
 VIEWS = {
-    "on the axis": View((0.0, 0.0), 40.0),
-    "wide angle": View((0.7, -0.4), 40.0),
-    "very near": View((0.5, 0.9), 14.0),
-    "long lens": View((0.1, 0.05), 300.0),
+    "on the axis": CameraView((0.0, 0.0), 40.0),
+    "wide angle": CameraView((0.7, -0.4), 40.0),
+    "very near": CameraView((0.5, 0.9), 14.0),
+    "long lens": CameraView((0.1, 0.05), 300.0),
 }
 
 
@@ -100,7 +100,7 @@ def test_coverage_is_the_area_of_the_ellipse():
 
 
 def test_outline_is_elongated_away_from_the_axis():
-    center, axes = sphere_outline(View((0.6, 0.8), 100.0), 20.0)
+    center, axes = sphere_outline(CameraView((0.6, 0.8), 100.0), 20.0)
     lengths, directions = np.linalg.eigh(axes)
     assert lengths[1] / lengths[0] == pytest.approx(np.sqrt((2 - 0.04) / (1 - 0.04)))
     assert_allclose(np.abs(directions[:, 1]), [0.6, 0.8])
@@ -109,7 +109,7 @@ def test_outline_is_elongated_away_from_the_axis():
 
 def test_agrees_with_the_far_camera_at_a_long_focal_length():
     for ball in (GLOSSY, Ball(9, ORANGE, second_color=np.array([0.1, 0.2, 0.7]))):
-        near, far = Pose(TURNED, np.eye(2), View((1e-6, 0.0), 1e7)), Pose(TURNED, np.eye(2))
+        near, far = Pose(TURNED, np.eye(2), CameraView((1e-6, 0.0), 1e7)), Pose(TURNED, np.eye(2))
         x, y = around(ball, far)
         for a, b in zip(ball.sharp(x, y, near), ball.sharp(x, y, far), strict=True):
             assert_allclose(a, b, atol=1e-6)
@@ -120,7 +120,7 @@ def test_perspective_hides_part_of_the_paint():
     ball = Ball(
         9, ORANGE, ambient=1, second_color=np.array([0.1, 0.2, 0.7]), band=0.2, axis=(0, 0, 1)
     )
-    far, near = Pose(np.eye(3), np.eye(2)), Pose(np.eye(3), np.eye(2), View((0.0, 0.0), 12.0))
+    far, near = Pose(np.eye(3), np.eye(2)), Pose(np.eye(3), np.eye(2), CameraView((0.0, 0.0), 12.0))
     seen = [ball.sharp(*around(ball, p), p)[1][..., 2].max() for p in (far, near)]
     assert seen[0] > 0.2
     assert seen[1] <= ORANGE[2] + 1e-12

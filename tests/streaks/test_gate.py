@@ -6,8 +6,7 @@ import pytest
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.streaks import Gate
-from blurmatte.streaks.gate import joined
-from blurmatte.streaks.gate_kernel import count_changes, sum_pairs
+from blurmatte.streaks.gate import count_changes, joined, sum_pairs
 
 SIZE = (129, 95)  # odd: the last cells are extended
 

@@ -12,7 +12,7 @@ from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, plain_plate, render
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.multistart import start_along
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
 from blurmatte.trajectory import Trajectory

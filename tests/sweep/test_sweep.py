@@ -28,8 +28,8 @@ from tests.sweep.scenes import (
 )
 
 from blurmatte.sweep.assess.diagnostics import sweep_of
-from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette

@@ -2,12 +2,15 @@
 
 In this file C is the light of the image, B(h) the plate under the homography h (see `warp`), φᵢ the
 polynomials 1, u, v, u², uv, v² in centered coordinates and, if there are bands, their cosines and sines
-(see `bands`), gᵢ their coefficients and o an offset, both per channel:
+(see `match`), gᵢ their coefficients and o an offset, both per channel:
 
     C ≈ B(h) · Σ gᵢφᵢ + o
 
 Residuals follow a t distribution, so that a moving object has little weight. Both pictures are smoothed
 by one pixel: interpolation smooths noise, which otherwise favors shifts of half a pixel.
+
+The compiled loop interpolates all channels of a point in one pass, which is four times as fast as one
+by one.
 """
 
 from collections.abc import Iterator
@@ -18,17 +21,16 @@ import numpy.typing as npt
 
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
+    cubic,
     homography,
     map_points,
     spline_coefficients,
     to_centered,
 )
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Bools, Floats
+from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.statistics import cell_means
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
 # Free rows of light: none, gain, and offset, and a quadratic field of gain
@@ -51,7 +53,7 @@ _COVARIANCE_TILES = 12  # per side; residuals of different tiles are independent
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class ComparedPair:
     """Both pictures at one resolution, and the n points at which they are compared.
 
     C, slope_x and slope_y (h, w, 3) are the image and the gradient of the plate, spline its spline
@@ -77,11 +79,11 @@ class Level:
         return width, height
 
     @property
-    def identity(self) -> "Fit":
+    def identity(self) -> "Alignment":
         """Neither motion nor change of light, without residuals."""
         bands = np.zeros((self.basis.shape[1] - len(IDENTITY_LIGHT) + 1, 3))
         light = np.concatenate([IDENTITY_LIGHT, bands])
-        return Fit(np.zeros(8), light, np.zeros((0, 3)), np.zeros((0, 0)))
+        return Alignment(np.zeros(8), light, np.zeros((0, 3)), np.zeros((0, 0)))
 
     def free_rows(self, light: int) -> list[int]:
         """The free rows of light: those of a member of LIGHTS, and all bands."""
@@ -89,7 +91,7 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Alignment:
     """Parameters h (8,) of the homography and light (7 + bands, 3): gain, offset, the other five
     coefficients, and those of bands.
 
@@ -117,7 +119,7 @@ def quartile_scale(residuals: Array) -> float:
     return float(np.quantile(r, 0.25)) / 0.3186 if r.size else 1.0  # 1 for a standard normal
 
 
-def levels(image: LinearImage, plate: LinearImage) -> Iterator[Level]:
+def levels(image: LinearImage, plate: LinearImage) -> Iterator[ComparedPair]:
     """Yield the levels of the pyramid, the finest first."""
     cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_PIXELS)))
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
@@ -144,7 +146,7 @@ def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
     return np.asarray(noise.variance(light) + 1e-8)  # a floor for images without rounding
 
 
-def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
+def _level(C: Array, B: Array, variance: Array, valid: Array) -> ComparedPair:
     from scipy.ndimage import binary_erosion, gaussian_filter
 
     C, B = (gaussian_filter(p, sigma=(1, 1, 0)) for p in (C, B))
@@ -158,7 +160,7 @@ def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
     sigma = np.sqrt((np.maximum(variance, 1e-14) + edges)[xy[:, 1], xy[:, 0]])
     image_slopes = np.stack([np.gradient(C, axis=axis) for axis in (1, 0)], axis=-1)
     spline = spline_coefficients(B)
-    return Level(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)
+    return ComparedPair(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)
 
 
 def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
@@ -177,7 +179,7 @@ def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
     return np.ascontiguousarray(np.unique(yx[inside[yx[:, 0], yx[:, 1]]], axis=0)[:, ::-1])
 
 
-def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
+def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> Alignment:
     """Fit what is free in a model (indices of GEOMETRIES and LIGHTS), by reweighted least squares.
 
     After convergence, outliers get no weight and the fit continues: a large object otherwise biases the
@@ -199,10 +201,10 @@ def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
         h[free] += step[: len(free)]
         light[rows] += step[len(free) :].reshape(3, len(rows)).T
     covariance = _covariance(level, h, residuals, slopes, free)
-    return Fit(h, light, residuals, covariance, model, tuple(rows))
+    return Alignment(h, light, residuals, covariance, model, tuple(rows))
 
 
-def first_step(level: Level) -> tuple[Array, Array, float]:
+def first_step(level: ComparedPair) -> tuple[Array, Array, float]:
     """First step of the largest model from the identity: h, light, and the log likelihood gained."""
     rows = list(LIGHTS[-1])
     residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
@@ -222,7 +224,9 @@ def _equations(residuals: Array, slopes: Array, inliers: Bools | np.bool_) -> tu
     return np.asarray(normal, dtype=float), np.asarray(gradient, dtype=float)
 
 
-def _covariance(level: Level, h: Array, residuals: Array, slopes: Array, free: list[int]) -> Array:
+def _covariance(
+    level: ComparedPair, h: Array, residuals: Array, slopes: Array, free: list[int]
+) -> Array:
     """Sandwich covariance of the free parameters, clustered by tiles [White 1980].
 
     Compression and rounding correlate residuals within a tile. The curvature is the product of the
@@ -258,11 +262,9 @@ def _weights(residuals: Array, scale: float) -> Array:
 
 
 def _compare(
-    level: Level, h: Array, light: Array, free: list[int], rows: list[int]
+    level: ComparedPair, h: Array, light: Array, free: list[int], rows: list[int]
 ) -> tuple[Array, Array]:
     """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free."""
-    from blurmatte.background.alignment_kernel import compare  # numba takes half a second
-
     x, y = level.xy.T
     residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + 3 * len(rows)))
     plate = level.spline, level.slope_x, level.slope_y, level.valid
@@ -273,7 +275,7 @@ def _compare(
     return residuals, slopes
 
 
-def log_likelihood_gain(small: Fit, large: Fit) -> float:
+def log_likelihood_gain(small: Alignment, large: Alignment) -> float:
     """Log likelihood of a larger model over that of a smaller one, on the points of both.
 
     −∞ if its residuals have a larger scale, as those of a light field that fits a large object.
@@ -283,7 +285,7 @@ def log_likelihood_gain(small: Fit, large: Fit) -> float:
     return float(log_likelihood_gains(small, large).sum())
 
 
-def log_likelihood_gains(small: Fit, large: Fit) -> Array:
+def log_likelihood_gains(small: Alignment, large: Alignment) -> Array:
     """(n,) log likelihood of a larger model over that of a smaller one, of each point.
 
     0 for points that one of them puts outside the plate.
@@ -300,7 +302,7 @@ def log_likelihood_gains(small: Fit, large: Fit) -> Array:
     return np.asarray((freedom + 1) / 2 * (before - after).sum(axis=1))
 
 
-def gain_score(level: Level, fit: Fit) -> tuple[Array, Array]:
+def gain_score(level: ComparedPair, fit: Alignment) -> tuple[Array, Array]:
     """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
     residuals, slopes = _compare(level, fit.h, fit.light, [], [0])
     scale = max(quartile_scale(residuals), _MIN_SCALE)
@@ -309,7 +311,75 @@ def gain_score(level: Level, fit: Fit) -> tuple[Array, Array]:
     return -weight * B * np.nan_to_num(residuals), weight * B**2
 
 
-def residual_and_image_std(level: Level, fit: Fit) -> tuple[float, float]:
+def residual_and_image_std(level: ComparedPair, fit: Alignment) -> tuple[float, float]:
     """Robust standard deviations, linear light: of the residuals, and of the image about its median."""
     C = level.C[level.xy[:, 1], level.xy[:, 0]]
     return quartile_scale(fit.residuals * level.sigma), quartile_scale(C - np.median(C, axis=0))
+
+
+@njit()
+def _bilinear(values, j, i, v, u, c):  # type: ignore[no-untyped-def]
+    above = (1 - u) * values[j, i, c] + u * values[j, i + 1, c]
+    below = (1 - u) * values[j + 1, i, c] + u * values[j + 1, i + 1, c]
+    return (1 - v) * above + v * below
+
+
+@njit()
+def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignore[no-untyped-def]
+    """Write residuals (n, 3) in standard deviations, NaN outside the plate, and derivatives `slopes`.
+
+    slopes is (n, 3, k + 3 m), free (k,) the indices of the free parameters of the homography, rows (m,)
+    those of the free rows of the light.
+    plate is (spline, slope_x, slope_y, valid): its spline coefficients and its gradient, (h, w, 3),
+    and (h, w) its pixels at least three from its border. points is (C, sigma, basis, xy): the
+    image's light and the standard deviation of the difference, (n, 3), the functions of the gain
+    (n, b), and the pixels (n, 2). match is (H, to, light): the homography (3, 3) in the centered
+    coordinates into which `to` (3, 3) maps pixels, and (b + 1, 3).
+    """
+    spline, slope_x, slope_y, valid = plate
+    C, sigma, basis, xy = points
+    H, to, light = match
+    height, width = valid.shape
+    p, q = np.empty(4), np.empty(4)
+    moves, k = np.zeros((2, 8)), len(free)
+    size, x_off, y_off = to[0, 0], to[0, 2], to[1, 2]
+    slopes[:] = 0
+    for n in range(len(xy)):
+        a, b = xy[n, 0] * size + x_off, xy[n, 1] * size + y_off
+        depth = H[2, 0] * a + H[2, 1] * b + H[2, 2]
+        U = (H[0, 0] * a + H[0, 1] * b + H[0, 2]) / depth
+        V = (H[1, 0] * a + H[1, 1] * b + H[1, 2]) / depth
+        x, y = (U - x_off) / size, (V - y_off) / size
+        nearest_x, nearest_y = np.rint(x), np.rint(y)
+        inside = 0 <= nearest_x < width and 0 <= nearest_y < height
+        if not inside or not valid[int(nearest_y), int(nearest_x)]:
+            residuals[n] = np.nan
+            continue
+        for i in range(3):
+            one = (a if i == 0 else b if i == 1 else 1.0) / depth / size
+            moves[0, i], moves[1, 3 + i] = one, one
+            if i < 2:
+                moves[0, 6 + i], moves[1, 6 + i] = -U * one, -V * one
+        i, j = int(np.floor(x)), int(np.floor(y))
+        u, v = x - i, y - j
+        cubic(u, p)
+        cubic(v, q)
+        for c in range(3):
+            B = 0.0
+            for s in range(4):
+                row = 0.0
+                for r in range(4):
+                    row += p[r] * spline[j - 1 + s, i - 1 + r, c]
+                B += q[s] * row
+            X, Y = _bilinear(slope_x, j, i, v, u, c), _bilinear(slope_y, j, i, v, u, c)
+            gain = basis[n, 0] * light[0, c]
+            for r in range(1, basis.shape[1]):
+                gain += basis[n, r] * light[1 + r, c]
+            s = sigma[n, c]
+            residuals[n, c] = (B * gain + light[1, c] - C[n, c]) / s
+            for r in range(k):
+                slopes[n, c, r] = gain / s * (X * moves[0, free[r]] + Y * moves[1, free[r]])
+            for r in range(len(rows)):
+                row = rows[r]
+                by_light = 1 / s if row == 1 else basis[n, max(row - 1, 0)] * B / s
+                slopes[n, c, k + c * len(rows) + r] = by_light

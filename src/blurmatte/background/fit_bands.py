@@ -1,17 +1,17 @@
-"""The search for bands in the residuals of an alignment; see `bands`."""
+"""The search for bands in the residuals of an alignment; see `match`."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from blurmatte.background.alignment import (
-    Fit,
-    Level,
+    Alignment,
+    ComparedPair,
     fit_level,
     gain_score,
     log_likelihood_gains,
 )
-from blurmatte.background.bands import Bands, coordinates_across, functions_of_bands
+from blurmatte.background.match import Bands, coordinates_across, functions_of_bands
 from blurmatte.background.warp import to_centered
 from blurmatte.checks import Array
 
@@ -23,7 +23,7 @@ PARTS = 12  # of a picture, across the bands
 FIRST_ROW = 7  # of the coefficients in `Fit.light`
 
 
-def bands_of(fit: Fit, axis: int, frequency: float) -> Bands:
+def bands_of(fit: Alignment, axis: int, frequency: float) -> Bands:
     """The bands of a fit on a level with bands."""
     coefficients = fit.light[FIRST_ROW:]
     per_channel, many = len(fit.rows), len(coefficients)
@@ -32,13 +32,13 @@ def bands_of(fit: Fit, axis: int, frequency: float) -> Bands:
     return Bands(axis, frequency, coefficients, np.stack(blocks))
 
 
-def with_bands(level: Level, axis: int, frequency: float, harmonics: int) -> Level:
+def with_bands(level: ComparedPair, axis: int, frequency: float, harmonics: int) -> ComparedPair:
     """A level without bands, and the functions of bands."""
     functions = functions_of_bands(level.basis[:, 2 - axis], frequency, harmonics)
     return replace(level, basis=np.concatenate([level.basis, functions], axis=1))
 
 
-def strongest_bands(level: Level, fit: Fit) -> tuple[float, int, float]:
+def strongest_bands(level: ComparedPair, fit: Alignment) -> tuple[float, int, float]:
     """The most likely bands of one harmonic: log likelihood that they gain, axis, and frequency.
 
     The gain is that of one step from `fit`, which is without bands, in most parts of the picture.
@@ -70,14 +70,14 @@ def _of_most(gains: Array) -> float:
     return float(len(gains) * np.median(gains))
 
 
-def _frequencies(level: Level, axis: int) -> Array:
+def _frequencies(level: ComparedPair, axis: int) -> Array:
     """ω of all numbers of periods."""
     cells = level.size[1 - axis]
     numbers = np.arange(MIN_PERIODS, cells / MIN_PERIOD_CELLS, PERIOD_STEP)
     return np.asarray(2 * np.pi * numbers / (cells * to_centered(level.size)[0, 0]))
 
 
-def refined(level: Level, start: Fit, axis: int, frequency: float) -> float:
+def refined(level: ComparedPair, start: Alignment, axis: int, frequency: float) -> float:
     """The most likely frequency of one harmonic near another; level and start are without bands."""
     from scipy.optimize import minimize_scalar
 
@@ -94,14 +94,16 @@ def refined(level: Level, start: Fit, axis: int, frequency: float) -> float:
     return float(found.x)
 
 
-def fit_bands(level: Level, start: Fit, axis: int, frequency: float, harmonics: int) -> Fit:
+def fit_bands(
+    level: ComparedPair, start: Alignment, axis: int, frequency: float, harmonics: int
+) -> Alignment:
     """Fit of gain, bands and what else is free in the model of `start`."""
     banded = with_bands(level, axis, frequency, harmonics)
     first = replace(banded.identity, h=start.h)
     return fit_level(banded, first, (start.model[0], max(start.model[1], 1)))
 
 
-def gain_of_bands(level: Level, before: Fit, after: Fit, axis: int) -> float:
+def gain_of_bands(level: ComparedPair, before: Alignment, after: Alignment, axis: int) -> float:
     """Log likelihood gained by bands in most parts of the picture."""
     part = level.xy[:, 1 - axis] * PARTS // level.size[1 - axis]
     return _of_most(np.bincount(part, log_likelihood_gains(before, after), PARTS).astype(float))

@@ -10,20 +10,18 @@ from dataclasses import replace
 from enum import Enum
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background.alignment import (
     GEOMETRIES,
     LIGHTS,
-    Fit,
-    Level,
+    Alignment,
+    ComparedPair,
     first_step,
     fit_level,
     levels,
     log_likelihood_gain,
     residual_and_image_std,
 )
-from blurmatte.background.bands import Bands
 from blurmatte.background.fit_bands import (
     MAX_HARMONICS,
     bands_of,
@@ -33,14 +31,12 @@ from blurmatte.background.fit_bands import (
     strongest_bands,
     with_bands,
 )
-from blurmatte.background.match import Match, median_light
+from blurmatte.background.match import Bands, Match, median_light
 from blurmatte.background.warp import IDENTITY_LIGHT
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
 from blurmatte.statistics import robust_std
-
-Array = npt.NDArray[np.float64]
 
 
 class Matching(Enum):
@@ -160,7 +156,7 @@ def _is_negligible(match: Match, plate: LinearImage) -> bool:
     return match.reach <= _MIN_DISPLACEMENT_PX and match.light_change(plate) <= _MIN_LIGHT_CHANGE
 
 
-def _matches(level: Level, plate: LinearImage) -> bool:
+def _matches(level: ComparedPair, plate: LinearImage) -> bool:
     """Whether the first step from the identity gains too little, or changes too little."""
     h, light, gained = first_step(level)
     step = replace(Match.nothing(level.size), h=h, light=IDENTITY_LIGHT + light)
@@ -169,8 +165,8 @@ def _matches(level: Level, plate: LinearImage) -> bool:
 
 
 def _select_model(
-    fine: Level, coarse: list[Level], matching: Matching | None, max_offset: Array
-) -> Fit:
+    fine: ComparedPair, coarse: list[ComparedPair], matching: Matching | None, max_offset: Array
+) -> Alignment:
     """Forward selection by penalized likelihood, from the smallest model.
 
     Fits with a large offset are rejected: on a plain plate a small gain and a large offset would remove
@@ -182,9 +178,9 @@ def _select_model(
     for level in reversed(coarse):
         rough = fit_level(level, rough, (min(largest[0], 1), 1))
         rough = fit_level(level, rough, (largest[0], 1))
-    fits: dict[tuple[int, int], Fit] = {}
+    fits: dict[tuple[int, int], Alignment] = {}
 
-    def fit(model: tuple[int, int]) -> Fit:
+    def fit(model: tuple[int, int]) -> Alignment:
         """Fit of a model, computed once."""
         if model not in fits:
             h = (rough if model[0] else identity).h
@@ -211,8 +207,12 @@ def _select_model(
 
 
 def _select_bands(
-    fine: Level, coarse: list[Level], plain: Fit, matching: Matching | None, max_offset: Array
-) -> tuple[Fit, Bands | None]:
+    fine: ComparedPair,
+    coarse: list[ComparedPair],
+    plain: Alignment,
+    matching: Matching | None,
+    max_offset: Array,
+) -> tuple[Alignment, Bands | None]:
     """The best fit without bands, or the best one with bands and these, if they are likelier.
 
     With one harmonic the other models are selected again: bands that are not in the model look like
@@ -251,7 +251,7 @@ def _penalty(model: tuple[int, int]) -> float:
     return _PARAMETER_PENALTY * parameters
 
 
-def _match_of(fit: Fit, size: tuple[int, int]) -> Match:
+def _match_of(fit: Alignment, size: tuple[int, int]) -> Match:
     h_std, light_std = np.zeros(8), np.zeros((7, 3))
     free, rows = list(GEOMETRIES[fit.model[0]]), list(LIGHTS[fit.model[1]])
     std = np.sqrt(np.diag(fit.covariance))
@@ -260,7 +260,9 @@ def _match_of(fit: Fit, size: tuple[int, int]) -> Match:
     return Match(size, fit.h, fit.light[: len(light_std)], h_std, light_std)
 
 
-def _check_same_scene(match: Match, fit: Fit, level: Level, plate: LinearImage) -> None:
+def _check_same_scene(
+    match: Match, fit: Alignment, level: ComparedPair, plate: LinearImage
+) -> None:
     """Raise PlateError if the plate shows another scene, place or light."""
     residual, image_std = residual_and_image_std(level, fit)
     light = median_light(plate)

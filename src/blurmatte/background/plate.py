@@ -121,7 +121,7 @@ def _made(frames: Iterable[LinearImage], against_scene: bool) -> PlateFit:
     coding = samples.coding if against_scene else None
     del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
-    file = _FileError(next(iter(frames)).meta, coding)
+    file = _CodeError(next(iter(frames)).meta, coding)
     return _plate_fit(_estimates(sums, modes, file), sums.gain)
 
 
@@ -131,7 +131,7 @@ def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     restless = find_restlessness(samples)
     gains = gains_of_samples(samples, restless)
     coding = samples.coding if against_scene else None
-    file = _FileError(samples.light.rows(0, slice(0, 1)).meta, coding)
+    file = _CodeError(samples.light.rows(0, slice(0, 1)).meta, coding)
     light, noise = np.empty((2, height, width, 3), np.float32)
     shared = None if file.coding is None else np.empty_like(light)
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
@@ -167,7 +167,7 @@ def _plate_fit(estimates: Estimates, gains: Sequence[Floats]) -> PlateFit:
 
 
 @dataclass(frozen=True)
-class _FileError:
+class _CodeError:
     """What determines the errors of code values."""
 
     meta: Meta  # of a frame
@@ -180,7 +180,7 @@ class _FileError:
         return rounding_variance(light, self.meta.levels, self.meta.transfer or LINEAR)
 
 
-def _estimates(sums: Sums, modes: Modes, file: _FileError, first_row: int = 0) -> Estimates:
+def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -> Estimates:
     """Light, its variance, whether it is valid, coverage, and the variance that all frames share."""
     count = len(sums.gain)
     _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, size_error
-from blurmatte.checks import Floats
+from blurmatte.checks import Floats, Ints32
 from blurmatte.radiometry import LinearImage
 
 # Mode of the samples, and the frames that are summed.
@@ -37,7 +37,7 @@ class Modes:
     # is -1 if none
     light: Floats
     rival: Floats
-    near: npt.NDArray[np.int32]  # (H, W) int32: number of samples in the largest set
+    near: Ints32  # (H, W) int32: number of samples in the largest set
     # (H, W, 3) float32: variance of one frame, light²: noise times the inflation λ at restless
     # places, such as edges in video
     variance: Floats
@@ -143,7 +143,7 @@ class Sums:
     batch_counts: Floats  # (H, W) float32: Σ n²
     # (H, W, 5) int32: free frames of the batch and of the clip; clipped ones of these, and ones
     # very close to the mode; frames very close to the rival
-    counts: npt.NDArray[np.int32]
+    counts: Ints32
     batch: Floats  # (H, W, 3) float32: S of the current batch
     gain: list[Floats]  # list of (3,) float: of each frame
 

@@ -9,11 +9,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Floats32
 from blurmatte.radiometry import CodedFrame
 
-Thumbnail = npt.NDArray[np.float32]
+Thumbnail = Floats32
 
 
 # When frames belong to one shot.

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools, Floats, check_map, check_same_size
+from blurmatte.checks import Array, Bools, Floats, Floats32, check_map, check_same_size
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import robust_std
 
-Light = npt.NDArray[np.float32]
 Rows = npt.NDArray[np.intp] | slice
 
 AROUND_PX = 5  # width of the window whose mean light pixels are sorted by
@@ -88,7 +87,7 @@ def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sampl
 
 def _changes(
     first: LinearImage, several: Iterable[LinearImage], rows: Rows, use: Bools
-) -> Iterator[tuple[Light, Light, tuple[float, float]]]:
+) -> Iterator[tuple[Floats32, Floats32, tuple[float, float]]]:
     """Light of each frame, its change since the previous one, and its shift (see `_shift`).
 
     Pixels (h, w, 3) that are clipped in any frame are removed from `use`.
@@ -151,7 +150,7 @@ def rows_to_measure(picture: LinearImage) -> Rows:
     return slice(None) if every == 1 else np.flatnonzero(row // _BAND_ROWS % every == 0)
 
 
-def _light(picture: LinearImage, rows: Rows) -> Light:
+def _light(picture: LinearImage, rows: Rows) -> Floats32:
     return np.asarray(picture.rgb[rows], np.float32)
 
 
@@ -170,7 +169,7 @@ def _step(picture: LinearImage, light: Array) -> Array:
     return np.asarray(curve.slope(np.maximum(light, 0)) / (picture.meta.levels - 1))
 
 
-def _without_drift(change: Light, light: Light, use: Bools, number: int) -> Light:
+def _without_drift(change: Floats32, light: Floats32, use: Bools, number: int) -> Floats32:
     """The change minus a drift common to all pixels, as of flickering lamps or varying exposures.
 
     The drift is a robust straight line in light: moving objects are outliers at few levels of light.
@@ -198,7 +197,7 @@ def _without_drift(change: Light, light: Light, use: Bools, number: int) -> Ligh
     return rest
 
 
-def _shift(light: Light, change: Light, use: Bools) -> tuple[float, float]:
+def _shift(light: Floats32, change: Floats32, use: Bools) -> tuple[float, float]:
     """Shift of one frame against another, pixels, and its share of the change's variance.
 
     A shift s changes light by −s·∇. It is the median over tiles, of which moving objects occupy few.

@@ -153,7 +153,7 @@ def fit_response(
 
 
 @dataclass(frozen=True, eq=False)
-class _State:
+class _ResponseParameters:
     """Parameters: coefficients of h, black level in its standard deviations, log times."""
 
     prior: ResponsePrior
@@ -181,10 +181,10 @@ class _State:
         by_black = np.full((CELLS + 1, 1), -_BLACK_STD)
         return np.concatenate([by_z, by_black], axis=1)
 
-    def moved(self, step: Array, time_std: float) -> "_State":
+    def moved(self, step: Array, time_std: float) -> "_ResponseParameters":
         """The state after a step of all parameters; times have a prior of this std."""
         rank = len(self.z)
-        return _State(
+        return _ResponseParameters(
             self.prior,
             self.z + step[:rank],
             self.black + float(step[rank]),
@@ -206,8 +206,8 @@ class _Prediction:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
-    state: _State
+class _ResponseState:
+    state: _ResponseParameters
     light: Array
     light_std: Array
     noise: float
@@ -216,7 +216,7 @@ class _Fit:
     residuals: Array
 
 
-def _check_agreement(fit: _Fit) -> None:
+def _check_agreement(fit: _ResponseState) -> None:
     """Raise ResponseError if too few places agree with the curve, or the noise is too large."""
     if fit.agreement < _MIN_AGREEMENT or fit.noise > _MAX_NOISE:
         raise ResponseError(
@@ -227,7 +227,7 @@ def _check_agreement(fit: _Fit) -> None:
         )
 
 
-def _predicted(state: _State, v: Floats, times: Array, usable: Bools) -> _Prediction:
+def _predicted(state: _ResponseParameters, v: Floats, times: Array, usable: Bools) -> _Prediction:
     """The prediction of a state: the light of each place by least squares in code values."""
     G, slopes, t = state.light, state.slopes, times * np.exp(state.shifts)
 
@@ -265,23 +265,23 @@ def _quantile(dof: npt.NDArray[np.intp], probability: float) -> Array:
     return chi_square_quantile(probability, np.arange(dof.max() + 1))[dof]
 
 
-def _start(places: Places, bracket: Bracket) -> _State:
+def _start(places: Places, bracket: Bracket) -> _ResponseParameters:
     """The curve of the family with the least trimmed sum of squares."""
     prior = response_prior()
     some = places.some(_START_PLACES)
     usable = some.usable(_MARGIN_STD * max(bracket.rounding, some.scatter))
 
-    def cost(state: _State) -> float:
+    def cost(state: _ResponseParameters) -> float:
         """Sum of squares, with a bound that limits outliers."""
         codes = _predicted(state, some.codes, bracket.ratios, usable).codes
         squares, _ = _squares(some, codes, usable)
         return float(np.sum(np.minimum(squares, 9 * np.median(squares)))) if len(squares) else 0.0
 
     still = np.zeros(len(bracket.ratios))
-    return min((_State(prior, z, 0.0, still) for z in prior.members), key=cost)
+    return min((_ResponseParameters(prior, z, 0.0, still) for z in prior.members), key=cost)
 
 
-def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
+def _fit(places: Places, bracket: Bracket, start: _ResponseState | None = None) -> _ResponseState:
     state = start.state if start else _start(places, bracket)
     margin = _MARGIN_STD * (start.noise if start else max(bracket.rounding, places.scatter))
     for _ in range(_MAX_ITERATIONS):
@@ -296,7 +296,7 @@ def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
         noise = max(float(np.median(squares / _quantile(dof, 0.5))) ** 0.5, bracket.rounding)
         good = squares <= noise**2 * _quantile(dof, 1 - _REJECTED_PROBABILITY)
         kept = np.flatnonzero(np.count_nonzero(usable, axis=1) >= 2)[good]
-        data = _Data(places.codes[kept], usable[kept], noise, bracket)
+        data = _UsedCodes(places.codes[kept], usable[kept], noise, bracket)
         prediction = prediction.of(kept)
         step, covariance = _step(state, data, prediction)
         size = float(np.abs(step).max())
@@ -304,7 +304,7 @@ def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
         margin = _MARGIN_STD * noise
         if size < _MIN_STEP_STD:
             break
-    return _Fit(
+    return _ResponseState(
         state,
         *_normalized(state, covariance),
         noise,
@@ -315,7 +315,7 @@ def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
 
 
 @dataclass(frozen=True, eq=False)
-class _Data:
+class _UsedCodes:
     """Inliers: code values, where they are usable, and their noise."""
 
     codes: Floats  # (N, pictures)
@@ -333,17 +333,19 @@ class _Data:
         """Residuals from predicted codes, in standard deviations."""
         return np.where(self.usable, self.codes - codes, 0) / self.noise
 
-    def cost(self, state: _State, codes: Array) -> float:
+    def cost(self, state: _ResponseParameters, codes: Array) -> float:
         """−2 log posterior."""
         return float(np.sum(self.residuals(codes) ** 2) + np.sum(self.prior_residuals(state) ** 2))
 
-    def prior_residuals(self, state: _State) -> Array:
+    def prior_residuals(self, state: _ResponseParameters) -> Array:
         """Parameters, in standard deviations of the prior."""
         shifts = state.shifts / (self.bracket.time_std or 1)
         return np.concatenate([state.z, [state.black], shifts])
 
 
-def _step(state: _State, data: _Data, prediction: _Prediction) -> tuple[Array, Array]:
+def _step(
+    state: _ResponseParameters, data: _UsedCodes, prediction: _Prediction
+) -> tuple[Array, Array]:
     """Gauss-Newton step in units of the prior, and the covariance of the parameters."""
     weight = np.where(data.usable, 1 / (prediction.slopes * data.noise), 0)
     table = state.derivatives
@@ -366,7 +368,9 @@ def _step(state: _State, data: _Data, prediction: _Prediction) -> tuple[Array, A
     return -np.linalg.solve(normal, pull), np.linalg.inv(normal)
 
 
-def _shortened(state: _State, step: Array, data: _Data, prediction: _Prediction) -> _State:
+def _shortened(
+    state: _ResponseParameters, step: Array, data: _UsedCodes, prediction: _Prediction
+) -> _ResponseParameters:
     """The state after the step, halved until the cost decreases; else the old state."""
     before = data.cost(state, prediction.codes)
     for _ in range(8):
@@ -378,7 +382,7 @@ def _shortened(state: _State, step: Array, data: _Data, prediction: _Prediction)
     return state
 
 
-def _normalized(state: _State, covariance: Array) -> tuple[Array, Array]:
+def _normalized(state: _ResponseParameters, covariance: Array) -> tuple[Array, Array]:
     """Light scaled to 1 at code value 1, and its standard deviation."""
     G, J = state.light, state.derivatives
     light = G / G[-1]
@@ -388,7 +392,7 @@ def _normalized(state: _State, covariance: Array) -> tuple[Array, Array]:
     return light, np.sqrt(np.maximum(variance, 0))
 
 
-def _grouped(data: _Data, prediction: _Prediction) -> Array:
+def _grouped(data: _UsedCodes, prediction: _Prediction) -> Array:
     """(pictures, groups) mean residual by code value; NaN where there are few."""
     groups = _GROUPS
     group = np.clip((prediction.codes * groups).astype(int), 0, groups - 1)
@@ -402,7 +406,7 @@ def _grouped(data: _Data, prediction: _Prediction) -> Array:
 
 
 def _compared(
-    fit: _Fit, channels: Sequence[Places], bracket: Bracket
+    fit: _ResponseState, channels: Sequence[Places], bracket: Bracket
 ) -> tuple[tuple[float, float, float], bool, Array]:
     """Each channel's largest distance from the common curve, and whether all agree with it.
 

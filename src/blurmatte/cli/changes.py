@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
 import numpy as np
-import numpy.typing as npt
 
 import blurmatte as bm
+from blurmatte.checks import Array
 from blurmatte.cli.console import about, argument, option
 from blurmatte.cli.output_checks import CLIPS, SHEET, check_file
 from blurmatte.cli.quantities import numbers
@@ -64,7 +64,7 @@ class Changes:
 
 
 @dataclass(frozen=True)
-class Looks:
+class Previews:
     """Files to look at, in addition to the result."""
 
     sheet: Annotated[Path | None, option("FILE", "Before and after: .png, .jpg.", LOOKS)] = None
@@ -124,13 +124,13 @@ class Placement:
 
 
 @dataclass(frozen=True)
-class Behind:
+class Background:
     """A picture to put layers over, where they go, and by how much their light is changed."""
 
     path: Path
     picture: bm.LinearImage
     placement: Placement = Placement()
-    gain: npt.NDArray[np.float64] | None = None
+    gain: Array | None = None
 
     def under(self, layer: bm.Layer) -> tuple[bm.Layer, bm.LinearImage]:
         """The layer as it goes over the picture, and the picture, now of one size."""

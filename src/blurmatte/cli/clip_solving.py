@@ -30,8 +30,8 @@ from blurmatte.cli.console import (
 from blurmatte.cli.output_checks import check_folder
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
-    Chosen,
     ColorOptions,
+    FrameSelection,
     Selection,
     matching_of,
 )
@@ -57,7 +57,7 @@ class MaybePlate:
 
 
 @dataclass(frozen=True)
-class ClipOptions(Chosen):
+class ClipOptions(FrameSelection):
     """How a clip is solved and written."""
 
     layers: Annotated[

@@ -17,7 +17,7 @@ Gravity = tuple[float | list[float], float]
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownQuantities:
     """What is known besides the pictures."""
 
     # Meters per pixel of an object with this radius and its error in pixels; None if not known
@@ -53,7 +53,9 @@ class Summary:
     scale: bm.Scale | None  # of all its frames, if there is one
 
 
-def summaries(rows: Rows, places: Places | None, several: bool, known: Known) -> list[Summary]:
+def summaries(
+    rows: Rows, places: Places | None, several: bool, known: KnownQuantities
+) -> list[Summary]:
     """Of the one object of a clip, or of each; the scale is that of its own place.
 
     Raises MotionError if the scale should follow from the radius of the only object, and it was not
@@ -75,7 +77,7 @@ def summaries(rows: Rows, places: Places | None, several: bool, known: Known) ->
     return found
 
 
-def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Summary:
+def _summary(number: int, rows: Rows, places: Places | None, known: KnownQuantities) -> Summary:
     scale = known.scale(rows)
     found = _reliable(rows)
     words = [_radius(found)] if found and places is None else []
@@ -100,7 +102,7 @@ def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Su
 
 
 def _fall(
-    rows: Rows, places: Places | None, scale: bm.Scale | None, known: Known
+    rows: Rows, places: Places | None, scale: bm.Scale | None, known: KnownQuantities
 ) -> bm.motion.FreeFall:
     """In space if places there are known, else in the picture."""
     gravity, std = known.gravity or (None, 0.0)
@@ -110,7 +112,7 @@ def _fall(
 
 
 def table(
-    rows: Rows, places: Places | None, found: Sequence[Summary], known: Known
+    rows: Rows, places: Places | None, found: Sequence[Summary], known: KnownQuantities
 ) -> list[dict[str, Any]]:
     """All numbers of each frame, with the speed in the best unit that is known."""
     scales = {one.number: one.scale for one in found}
@@ -144,7 +146,7 @@ def drawn(
     )
 
 
-def _numbers(row: bm.motion.FrameMotion, known: Known) -> dict[str, Any]:
+def _numbers(row: bm.motion.FrameMotion, known: KnownQuantities) -> dict[str, Any]:
     """Those of the row, with the errors that all places share."""
     numbers = row.numbers()
     for name, std in zip(("x_std", "y_std"), known.place_std, strict=True):
@@ -209,7 +211,7 @@ def _median_and_scatter(found: Sequence[bm.motion.Sighting]) -> Length:
 
 
 def _speed(
-    moved: Length | None, unit: str, known: Known, row: bm.motion.FrameMotion
+    moved: Length | None, unit: str, known: KnownQuantities, row: bm.motion.FrameMotion
 ) -> dict[str, Any]:
     """Mean speed within the exposure and its error, from the path length.
 
@@ -227,7 +229,7 @@ def _speed(
     return {"speed": length * share / T, "speed_std": error / T, "speed_unit": unit}
 
 
-def _durations(row: bm.motion.FrameMotion, known: Known) -> list[float]:
+def _durations(row: bm.motion.FrameMotion, known: KnownQuantities) -> list[float]:
     """How long it may have been seen, in seconds, or exposures if their time is not known."""
     if known.time is None or row.sighting is None:
         return [1.0]

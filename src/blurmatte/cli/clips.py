@@ -102,7 +102,7 @@ class ClipTask:
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class ClipMeasurement:
     """What the frames show: the plate, the object's color, where it was, and in space if asked.
 
     `place_std` is the error in x and y that all places share, pixels; `radius_std` that of all radii by
@@ -119,7 +119,7 @@ class Measured:
 
 def measure_frames(
     task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
-) -> Measured:
+) -> ClipMeasurement:
     """The object in each frame; the plate is made of them if none is given."""
     from blurmatte.motion.clip.color import color_in_scene, seen_color
     from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
@@ -173,7 +173,7 @@ def measure_frames(
             spread = radius_spread(frames, plate, rows, frames.frame_numbers)
     if model.rank < 3 or not task.several:  # else objects may have different colors
         model = seen_color(model, rows)
-    return Measured(plate, model, rows, places, frames.place_std, spread)
+    return ClipMeasurement(plate, model, rows, places, frames.place_std, spread)
 
 
 def remove_unfinished(task: ClipTask) -> None:

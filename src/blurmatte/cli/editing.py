@@ -17,12 +17,12 @@ import blurmatte as bm
 from blurmatte.checks import check_same_size
 from blurmatte.cli.app import ORDER, command
 from blurmatte.cli.changes import (
-    Behind,
+    Background,
     Change,
     Changes,
     LayerOrRow,
-    Looks,
     Placement,
+    Previews,
     RowOptions,
     change_of,
     changed,
@@ -49,7 +49,7 @@ class _Edit:
 
 
 @dataclass(frozen=True)
-class Own:
+class OriginalPicture:
     """The picture that a layer is from."""
 
     image: Annotated[Path | None, option("FILE", "It, kept where nothing changes.", OWN)] = None
@@ -72,8 +72,8 @@ def edit(
     ctx: typer.Context,
     layer: LayerOrRow,
     changes: Changes,
-    own: Own,
-    looks: Looks,
+    own: OriginalPicture,
+    looks: Previews,
     row: RowOptions,
     reading: Reading,
     out: Out,
@@ -136,7 +136,7 @@ def remove(
         Path, option("FILE", "The picture that LAYER is from; of a row a clip or row.")
     ],
     plate: PlateOptions,
-    looks: Looks,
+    looks: Previews,
     row: RowOptions,
     reading: Reading,
     out: Out,
@@ -184,7 +184,7 @@ def compose(
     out: Out,
     placement: Placement,
     changes: Changes,
-    looks: Looks,
+    looks: Previews,
     row: RowOptions,
     reading: Reading,
 ) -> None:
@@ -223,19 +223,19 @@ def _changed_if_any(layer: bm.Layer, wanted: Sequence[Change]) -> bm.Layer:
     return layer if layer.empty else changed(layer, wanted)
 
 
-def _check_one_layer(layer: str, looks: Looks) -> None:
+def _check_one_layer(layer: str, looks: Previews) -> None:
     if looks.sheet or looks.preview:
         raise ValueError(f"{layer}: --sheet and --preview need one layer, not a sequence")
 
 
-def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
+def _behind(reading: Reading, over: Path, placement: Placement) -> Background:
     """The background, with the gain of the layers' light."""
     picture = reading.read(over)
     if placement.match_light is None:
-        return Behind(over, picture, placement)
+        return Background(over, picture, placement)
     plate = reading.read(placement.match_light)
     with about(placement.match_light):
-        return Behind(over, picture, placement, bm.compositing.light_gain(picture, plate))
+        return Background(over, picture, placement, bm.compositing.light_gain(picture, plate))
 
 
 def _layer(layer: str, reading: Reading) -> bm.Layer:
@@ -287,7 +287,7 @@ def _write_in_place(out: Path, image: Path, done: _Edit, touched: Any, reading: 
     say(str(out))
 
 
-def _write_looks(looks: Looks, done: _Edit, names: str) -> None:
+def _write_looks(looks: Previews, done: _Edit, names: str) -> None:
     """Write the sheet and the preview."""
     if looks.sheet is not None:
         with about(looks.sheet):

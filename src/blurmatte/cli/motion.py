@@ -13,13 +13,18 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import (
+    LENGTH,
+    SIZE,
+    BallSize,
+    Readout,
+    ScaleOptions,
+    check_camera,
     direction,
     meters,
     meters_per_second,
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Readout, ScaleOptions, check_camera
 from blurmatte.cli.selection import Layer, Reading
 
 PLANE = "A plane"
@@ -37,7 +42,7 @@ ExposureTime = Annotated[
 
 
 @dataclass(frozen=True)
-class Timing:
+class ExposureTiming:
     """When the pixels were exposed."""
 
     exposure: ExposureTime = None
@@ -80,7 +85,7 @@ class Drawing:
 def measure(
     layer: Layer,
     scale: ScaleOptions,
-    timing: Timing,
+    timing: ExposureTiming,
     drawing: Drawing,
     reading: Reading,
     rotation: Annotated[

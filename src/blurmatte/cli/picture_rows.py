@@ -25,7 +25,7 @@ _MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have s
 
 
 @dataclass(frozen=True)
-class Answer:
+class PrintedAnswer:
     """What is printed of one picture, and its row of the table; a record with a reason: refused."""
 
     lines: list[str]
@@ -95,7 +95,7 @@ class PictureRow:
 
 def solve_row(
     row: PictureRow,
-    work: Callable[[Path, Path], Answer],
+    work: Callable[[Path, Path], PrintedAnswer],
     required: bm.Grade | None,
     workers: int | None,
     as_json: bool,
@@ -111,7 +111,7 @@ def solve_row(
         with bm.Workers(_processes(workers, len(rest))) as processes:
             solved = processes.in_order(work, rest)
             for path, folder in with_progress(row.pairs, "solving"):
-                one = Answer([], done[path]) if path in done else next(solved)
+                one = PrintedAnswer([], done[path]) if path in done else next(solved)
                 records.append(one.record)
                 if one.record.reason:
                     complain(one.record.reason)
@@ -134,19 +134,21 @@ def solve_row(
         raise typer.Exit(ExitCode.REFUSED if refused else ExitCode.LOW_GRADE)
 
 
-def refusal(path: Path, error: bm.BlurmatteError) -> Answer:
+def refusal(path: Path, error: bm.BlurmatteError) -> PrintedAnswer:
     """The answer of a picture that cannot be solved."""
     from blurmatte.clips.table import PictureRecord
 
-    return Answer([], PictureRecord(_text(path), reason=_text(error)))
+    return PrintedAnswer([], PictureRecord(_text(path), reason=_text(error)))
 
 
-def solved_picture(path: Path, folder: Path, solution: bm.Solution, lines: list[str]) -> Answer:
+def solved_picture(
+    path: Path, folder: Path, solution: bm.Solution, lines: list[str]
+) -> PrintedAnswer:
     """The answer of a picture that is solved, and whose results are written."""
     from blurmatte.clips.table import PictureRecord
 
     record = PictureRecord.of(solution)
-    return Answer(lines, replace(record, picture=_text(path), folder=_text(folder.name)))
+    return PrintedAnswer(lines, replace(record, picture=_text(path), folder=_text(folder.name)))
 
 
 def _summary(count: int, done: int, refused: int) -> str:

@@ -112,7 +112,7 @@ class CameraReading(Reading):
 
 
 @dataclass(frozen=True)
-class Chosen:
+class FrameSelection:
     """Which frames of a clip or of a row of pictures are used, and when they were taken."""
 
     frames: FrameRange = None

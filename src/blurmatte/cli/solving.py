@@ -33,7 +33,7 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.output_checks import check_file, check_folder
-from blurmatte.cli.picture_rows import Answer, PictureRow, refusal, solve_row, solved_picture
+from blurmatte.cli.picture_rows import PictureRow, PrintedAnswer, refusal, solve_row, solved_picture
 from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
@@ -49,7 +49,7 @@ from blurmatte.cli.selection import (
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _PictureOptions:
     """Options that apply to all images."""
 
     reading: CameraReading
@@ -114,7 +114,7 @@ def solve(
     selection = replace(selection, reading=reading)
     settings = {"selection": repr(selection), "match": plate.match, "solver": solver}
     row, matching = replace(row, settings=settings), matching_of(plate.match)
-    task = _Task(reading, B, notes, selection, occluder, method, matching)
+    task = _PictureOptions(reading, B, notes, selection, occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
@@ -122,10 +122,10 @@ def solve(
 class _OneOfRow:
     """Solves one image of a row; runs in any process."""
 
-    task: _Task
+    task: _PictureOptions
     verbosity: Verbosity
 
-    def __call__(self, path: Path, folder: Path) -> Answer:
+    def __call__(self, path: Path, folder: Path) -> PrintedAnswer:
         try:
             if verbosity() == self.verbosity:  # this process: its progress is shown
                 lines, solution = _solve_one(self.task, path, folder)
@@ -137,10 +137,10 @@ class _OneOfRow:
         return solved_picture(path, folder, solution, lines)
 
 
-def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
+def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
     """Solve one image and write its results; what is printed of them."""
-    from blurmatte.explain.doubt import doubts
-    from blurmatte.explain.recomposition import usable_all_the_same
+    from blurmatte.explain.grade import doubts
+    from blurmatte.explain.solution import usable_all_the_same
 
     log = logging.getLogger("blurmatte")
     with about(path) as said:

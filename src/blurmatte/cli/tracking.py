@@ -8,14 +8,28 @@ from typing import Annotated, Any
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, words
-from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
+from blurmatte.cli.clip_table import Gravity, KnownQuantities, drawn, summaries, table, words
+from blurmatte.cli.clips import (
+    ClipMeasurement,
+    ClipTask,
+    KnownBall,
+    measure_frames,
+    remove_unfinished,
+)
 from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
-from blurmatte.cli.quantities import acceleration, direction, time_of_exposure, time_of_line
+from blurmatte.cli.quantities import (
+    SIZE,
+    Readout,
+    ScaleOptions,
+    acceleration,
+    check_camera,
+    direction,
+    time_of_exposure,
+    time_of_line,
+)
 from blurmatte.cli.rows import given_files
-from blurmatte.cli.scales import SIZE, Readout, ScaleOptions, check_camera
-from blurmatte.cli.selection import OBJECT, Chosen, Clip, Reading
+from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading
 
 RUN = "The run"
 
@@ -23,7 +37,7 @@ _TABLES = ".csv", ".json", ".parquet"
 
 
 @dataclass(frozen=True)
-class Followed:
+class ObjectOptions:
     """Which objects of a clip are followed."""
 
     color: Annotated[
@@ -42,7 +56,7 @@ class Followed:
 
 
 @dataclass(frozen=True)
-class Run:
+class ProcessOptions:
     """How the frames are processed."""
 
     workers: Annotated[int | None, option("N", "Processes; one for each core.", RUN)] = None
@@ -125,10 +139,10 @@ class Physics(ScaleOptions):
 )
 def track(
     clip: Clip,
-    chosen: Chosen,
-    followed: Followed,
+    chosen: FrameSelection,
+    followed: ObjectOptions,
     physics: Physics,
-    run: Run,
+    run: ProcessOptions,
     reading: Reading,
     plate: Annotated[
         Path | None, option("FILE", "The scene without it; else made of the clip.")
@@ -163,7 +177,7 @@ def track(
 
 
 def _frames(
-    clip: list[str], chosen: Chosen, reading: Reading, physics: Physics
+    clip: list[str], chosen: FrameSelection, reading: Reading, physics: Physics
 ) -> bm.Frames[bm.LinearImage]:
     """The frames to measure, after a check of their times and the camera."""
     with about(Path(clip[0])):
@@ -196,13 +210,13 @@ def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
 
 
 def _answer(
-    task: ClipTask, measured: Measured, physics: Physics, overlay: Path | None, as_json: bool
+    task: ClipTask, measured: ClipMeasurement, physics: Physics, overlay: Path | None, as_json: bool
 ) -> None:
     """Write the table and the sheet, and print their contents."""
     from blurmatte.motion.clip.cadence import Cadence
 
     rows, places = measured.rows, measured.places
-    known = Known(
+    known = KnownQuantities(
         physics.of_radius,
         physics.true_radius is not None,
         None if task.ball is None else task.ball.moved,

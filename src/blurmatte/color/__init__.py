@@ -5,10 +5,10 @@ from blurmatte.color.color_projection import projection_vectors as projection_ve
 from blurmatte.color.color_projection import projection_weights as projection_weights
 from blurmatte.color.color_projection import streak_of_color as streak_of_color
 from blurmatte.color.model import ColorModel as ColorModel
-from blurmatte.color.published import published_color_line as published_color_line
 from blurmatte.color.samples import core_colors as core_colors
 from blurmatte.color.samples import pick_colors as pick_colors
 from blurmatte.color.shadow_test import darker_pixels as darker_pixels
 from blurmatte.color.shadow_test import may_be_shadow as may_be_shadow
 from blurmatte.color.streak import check_chroma_resolution as check_chroma_resolution
 from blurmatte.color.streak import fit_color_from_hues as fit_color_from_hues
+from blurmatte.color.streak import published_color_line as published_color_line

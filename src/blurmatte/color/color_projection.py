@@ -12,19 +12,16 @@ Shadows, and objects of the plate's hue, have p = 0.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Bools, Floats32
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 
-Floats = npt.NDArray[np.float32]
-
 _VARIANCE_FLOOR = 1e-14  # light²: guards a division
 
 
-def projection_vectors(plate: LinearImage, model: ColorModel) -> Floats:
+def projection_vectors(plate: LinearImage, model: ColorModel) -> Floats32:
     """The vectors m (H, W, 3) that project an image on a color, p = m·C; the model has rank 1."""
     l, B = model.basis[:, 0].astype(np.float32), np.asarray(plate.rgb, np.float32)
     b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
@@ -33,14 +30,14 @@ def projection_vectors(plate: LinearImage, model: ColorModel) -> Floats:
     return np.asarray((l - along[..., None] * b) / across2[..., None], np.float32)
 
 
-def projection_weights(image: LinearImage, plate: LinearImage, m: Floats) -> Floats:
+def projection_weights(image: LinearImage, plate: LinearImage, m: Floats32) -> Floats32:
     """Weights (H, W) of p: 1 / Var p, 0 where the plate is not valid. The noise is known."""
     noise = np.asarray(image.variance + plate.variance, np.float32)
     precision = 1 / np.maximum((m**2 * noise).sum(axis=-1), _VARIANCE_FLOOR)
     return np.where(plate.valid, precision, np.float32(0))
 
 
-def projected_energy(p: Floats, weight: Floats, mask: Bools) -> float:
+def projected_energy(p: Floats32, weight: Floats32, mask: Bools) -> float:
     """Σ p² over a mask minus the expectation of noise, light².
 
     Σ p would prefer large faint areas, where the plate fits poorly; Σ p² / Var p areas of low noise.

@@ -1,4 +1,4 @@
-"""The likelihood of directions of the color line, from the pixels of a streak.
+"""Likelihood of directions of the color line from the pixels of a streak, and their posterior.
 
 In this file, per pixel of the streak, C is the image's light, B the plate's, l a candidate for the
 unit direction of the color line, w = B − (B·l) l the plate's component perpendicular to it, and
@@ -15,6 +15,10 @@ color. Standardized, noise prefers no direction.
 *Feasibility*: 0 <= α <= 1, and P is neither negative nor brighter than a bound.
 
 Both are log likelihoods, so they add.
+
+A direction is a unit vector of non-negative light, and its cost −2 times the log of its
+likelihood. Mean and covariance are sums over a grid of directions that adapts to the posterior. For a
+plate of one hue the posterior is an arc from the plate's color to the truth and beyond.
 """
 
 from dataclasses import dataclass
@@ -22,15 +26,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Bools
+from blurmatte.color.model import perpendicular
 
 _OUTLIER_STD = 3.0  # standard deviations beyond which the loss is linear
 _EFFICIENCY = 1.131  # E[ψ′] / E[ψ²] over normal z, with ψ half the slope of that loss
 SLACK = 0.02  # alpha by which an error of the plate may leave 0…1
+_END_CHI2 = 9.0  # least at the ends of a grid: the posterior may rise again beyond a lower one
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class StreakPixels:
     """The streak's pixels as columns: light, noise variances, and the block and tile of each.
 
     Sorted by block, and within blocks by tile.
@@ -44,11 +50,11 @@ class Pixels:
     tile: npt.NDArray[np.intp]  # (n,) over which alpha is nearly constant
     neighbors: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]  # adjacent blocks
 
-    def every(self, step: int) -> "Pixels":
+    def every(self, step: int) -> "StreakPixels":
         """Every `step`-th pixel."""
         columns = (self.C, self.B, self.vC, self.vB)
         C, B, vC, vB = (a[::step] for a in columns)
-        return Pixels(C, B, vC, vB, self.block[::step], self.tile[::step], self.neighbors)
+        return StreakPixels(C, B, vC, vB, self.block[::step], self.tile[::step], self.neighbors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +71,7 @@ class _Solutions:
     transmission: Array  # 1 − α, mean of a tile
 
 
-def closed_form(l: Array, p: Pixels) -> _Solutions:
+def closed_form(l: Array, p: StreakPixels) -> _Solutions:
     """The closed form for every direction l, (directions, 3), and pixel."""
     B_l, C_l = l @ p.B.T, l @ p.C.T
     across = np.stack([np.cross(l, axis) for axis in np.eye(3)])  # l × B = Σ B_c (l × e_c)
@@ -104,7 +110,7 @@ def _means(alpha: Array, weight: Array, tile: npt.NDArray[np.intp]) -> Array:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class EvidenceKinds:
     """The kinds of evidence to use, and the bound of brightness."""
 
     hue: bool
@@ -139,7 +145,7 @@ def _bounded(z: Array) -> Array:
     )
 
 
-def excess_cost(evidence: Evidence, l: Array, p: Pixels, phi: float) -> Array:
+def excess_cost(evidence: EvidenceKinds, l: Array, p: StreakPixels, phi: float) -> Array:
     """(directions,) χ² of each direction relative to the best of them.
 
     The excess Δ of a direction's cost over the least is a true difference λ plus noise of variance V
@@ -169,7 +175,7 @@ def excess_cost(evidence: Evidence, l: Array, p: Pixels, phi: float) -> Array:
     return np.asarray(np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi)
 
 
-def misfit(l: Array, p: Pixels) -> float:
+def misfit(l: Array, p: StreakPixels) -> float:
     """Variance inflation of the estimate by correlated residuals; 1 or more.
 
     The sums of z = r / s over blocks have φ times the variance of independent pixels if noise is
@@ -188,3 +194,118 @@ def misfit(l: Array, p: Pixels) -> float:
     significant = np.clip(phi - 1 - 2 * np.sqrt(2 / len(sums)), 0, 1)
     common = min(max(correlation, 0.0), 1.0) * significant
     return float(phi * (1 + (len(sums) - 1) * common))
+
+
+def posterior(evidence: EvidenceKinds, pixels: StreakPixels) -> tuple[Array, Array]:
+    """Mean direction and (3, 3) covariance of the posterior.
+
+    A grid of directions around the best one is rotated and scaled until it reaches four standard
+    deviations on both sides along both principal axes. Along a narrow valley, as for a plate of one
+    hue, the grid first adapts to its width and then grows along it.
+    """
+    best = _best_direction(evidence, pixels)
+    phi = misfit(best, pixels)
+    center, axes, half = best, perpendicular(best), np.full(2, np.radians(1.0))
+    widest = best, np.zeros((3, 3))
+    for _ in range(60):
+        patch, at_end = _patch(center, axes, half)
+        grid = np.vstack([best, patch])
+        cost = excess_cost(evidence, grid, pixels, phi)
+        mean, covariance = _moments(grid, cost)
+        open_ends = np.array([np.any(cost[1:][end] < _END_CHI2 + cost.min()) for end in at_end])
+        spread, turned = np.linalg.eigh(axes.T @ covariance @ axes)
+        reach = half[_order(turned)]
+        std = np.sqrt(np.maximum(spread, (half.max() / 1e6) ** 2))
+        offset = np.abs((mean - center) @ axes @ turned)
+        far_enough = ~open_ends[_order(turned)]
+        if np.all(far_enough & (std > reach / 8) & (std < reach / 3) & (offset < reach / 4)):
+            return mean, covariance
+        if np.trace(covariance) > np.trace(widest[1]):
+            widest = mean, covariance
+        if half.max() > 1:
+            break
+        center, axes = _moved(axes @ turned, mean)
+        half = np.clip(4 * std, np.where(far_enough, reach / 4, 1.5 * reach), 3 * reach)
+    return widest  # a valley too long or too narrow for a grid: the part covered
+
+
+def _order(turned: Array) -> npt.NDArray[np.intp]:
+    """Index of the old axis nearest to each new one."""
+    order: npt.NDArray[np.intp] = np.argmax(np.abs(turned), axis=0)
+    return order
+
+
+def _moved(axes: Array, to: Array) -> tuple[Array, Array]:
+    """The new center, and the axes projected perpendicular to it."""
+    first = unit(axes[:, 1] - (axes[:, 1] @ to) * to)
+    return to, np.stack([np.cross(to, first), first], axis=1)
+
+
+def _best_direction(evidence: EvidenceKinds, pixels: StreakPixels) -> Array:
+    """The direction of least cost: a grid search, then local refinement of three minima."""
+    few = pixels.every(max(1, len(pixels.C) // 500))
+    grid = _octant(2.0)
+    total = evidence.cost(closed_form(grid, few), grid).sum(axis=1)
+    found = []
+    for _ in range(3):
+        start = grid[np.argmin(total)]
+        total[grid @ start > np.cos(np.radians(15))] = np.inf
+        found.append(_refined(evidence, few, start, 1.5))
+    return _refined(evidence, pixels, min(found, key=lambda f: f[1])[0], 0.1)[0]
+
+
+def _refined(
+    evidence: EvidenceKinds, pixels: StreakPixels, start: Array, reach: float
+) -> tuple[Array, float]:
+    """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees."""
+    from scipy.optimize import minimize
+
+    tangent = perpendicular(start)
+
+    def cost(x: Array) -> float:
+        """Negative log likelihood of a direction; infinite for negative light."""
+        l = unit(start + tangent @ x)[None]
+        return float(evidence.cost(closed_form(l, pixels), l).sum()) if l.min() >= 0 else np.inf
+
+    simplex = np.radians(reach) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    options = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-4}
+    found = minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
+    return unit(start + tangent @ found.x), float(found.fun)
+
+
+def _octant(step: float) -> Array:
+    """(g, 3) unit directions of non-negative light about `step` degrees apart."""
+    theta = np.radians(np.arange(step / 2, 90, step))  # from the blue axis
+    count = np.maximum(1, np.rint(90 * np.sin(theta) / step)).astype(int)
+    t = np.repeat(theta, count)
+    nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    phi = (nth + 0.5) * np.pi / 2 / np.repeat(count, count)
+    return np.stack([np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.cos(t)], axis=1)
+
+
+def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> tuple[Array, Bools]:
+    """Grid of directions of non-negative light, and (2, g) which are at the ends of each axis.
+
+    It extends by `half` to both sides of the center along the two axes, in gnomonic projection: great
+    circles, and the valleys of plates of one hue, are straight lines.
+    """
+    steps = np.linspace(-1, 1, count)
+    uv = np.stack([x.ravel() for x in np.meshgrid(steps, steps)])
+    moved = center + (half[:, None] * uv).T @ axes.T
+    lit = (moved >= 0).all(axis=1)
+    grid = moved[lit]
+    return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True)), np.abs(uv[:, lit]) == 1
+
+
+def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
+    """Mean direction and covariance under exp(−cost / 2)."""
+    weight = np.asarray(np.exp(-0.5 * (cost - cost.min())))
+    weight /= weight.sum()
+    center = unit(weight @ grid)
+    away = grid - center
+    return center, np.asarray((away * weight[:, None]).T @ away)
+
+
+def unit(v: Array) -> Array:
+    """The vector scaled to length 1."""
+    return np.asarray(v / np.linalg.norm(v))

@@ -2,8 +2,15 @@
 
 The published sum of squares (`published_color_line`) is biased to the plate's color by noise. Here
 every direction of a line of colors has a likelihood from two kinds of evidence (`evidence.py`); the
-estimate is the posterior mean and covariance (`posterior.py`). For a plate of one hue the color is not
+estimate is the posterior mean and covariance. For a plate of one hue the color is not
 determined, which raises ColorModelError.
+
+Chroma subsampling mixes the colors of object and plate at rims, which biases a color estimated from
+hues by a degree or two for thin objects. If the compression is known, a picture with the estimated
+color is rendered and compressed in the same way. The error of the estimate from it, whose color is
+known, estimates that of the image.
+
+In the published sum C and B are the light of image and plate at n pixels of the streak, and m = C × B.
 """
 
 from dataclasses import replace
@@ -11,18 +18,23 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, check_same_size
-from blurmatte.color.compression_error import recompressed
-from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfit
+from blurmatte.checks import Array, Floats, check_same_size
+from blurmatte.color.evidence import (
+    SLACK,
+    EvidenceKinds,
+    StreakPixels,
+    closed_form,
+    misfit,
+    posterior,
+    unit,
+)
 from blurmatte.color.model import ColorModel
-from blurmatte.color.posterior import posterior, unit
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
+from blurmatte.radiometry import SRGB, LinearImage, are_gray, check_same_colors
 from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
 
 _BLOCK = 16  # pixels: noise of nearer pixels may be correlated by JPEG with subsampled chroma
 _IF_ROUND = "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"
-
 
 # Requirements on pixels, and limits of an accepted fit.
 # Usable pixels of a streak, and those selected of a larger one
@@ -64,7 +76,7 @@ def fit_color_from_hues(
         streak = require_streaks(image, plate)[0]
     pixels = _streak_pixels(image, plate, streak)
     kinds = {
-        name: Evidence(hue, feasibility, max_brightness)
+        name: EvidenceKinds(hue, feasibility, max_brightness)
         for name, hue, feasibility in (
             ("both", True, True), ("hue variation", True, False), ("feasibility", False, True)
         )
@@ -125,7 +137,7 @@ def check_chroma_resolution(image: LinearImage, streak: Streak) -> None:
         )
 
 
-def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pixels:
+def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> StreakPixels:
     """A regular selection of the streak's usable pixels, ordered by block."""
     box = streak.around(_BLOCK)
     image, plate = image.crop(box), plate.crop(box)
@@ -160,13 +172,13 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
     least = 1e-12  # light², of float32
     apart = np.abs(blocks[:, None] - blocks[None]).sum(axis=-1)
     first, second = np.nonzero(np.triu(apart == 1))
-    return Pixels(C, B, vC + least, vB + least, block[order], tile[order], (first, second))
+    return StreakPixels(C, B, vC + least, vB + least, block[order], tile[order], (first, second))
 
 
 def _compression_covariance(
-    l: Array, evidence: Evidence, image: LinearImage, plate: LinearImage, streak: Streak
+    l: Array, evidence: EvidenceKinds, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> Array:
-    """(3, 3) covariance from compression of the image; see `compression_error`."""
+    """(3, 3) covariance from compression of the image; see `recompressed`."""
     box = streak.around(_RECOMPRESSION_MARGIN_PX)
     image, plate = image.crop(box), plate.crop(box)
     streak = replace(streak, mask=streak.mask[box[1] : box[3], box[0] : box[2]])
@@ -182,7 +194,7 @@ def _tile(step: int) -> int:
     return next((size for size in (4, 8) if size**2 >= 8 * step), _BLOCK)
 
 
-def _check_determined(model: ColorModel, pixels: Pixels) -> None:
+def _check_determined(model: ColorModel, pixels: StreakPixels) -> None:
     """Raise ColorModelError if the direction is too uncertain."""
     B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
     near = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(B @ model.pole, -1, 1)) ** 2))))
@@ -203,7 +215,7 @@ def _check_determined(model: ColorModel, pixels: Pixels) -> None:
     )
 
 
-def _check_fit(model: ColorModel, pixels: Pixels) -> None:
+def _check_fit(model: ColorModel, pixels: StreakPixels) -> None:
     """Raise ColorModelError if a line does not fit the pixels, or many are infeasible."""
     a = closed_form(model.basis.T, pixels)
     unexplained = float(np.sum(a.r**2 - a.r_std**2))
@@ -220,3 +232,82 @@ def _check_fit(model: ColorModel, pixels: Pixels) -> None:
             "model=; two with rank 2), or a region with one object and without its shadow"
             + _IF_ROUND
         )
+
+
+def recompressed(
+    l: Array, image: LinearImage, plate: LinearImage, streak: Streak, count: int
+) -> tuple[list[LinearImage], LinearImage]:
+    """Images of a line of colors, and the plate, compressed as the image was.
+
+    The plate is compressed once more in the same way, so that it has the same relation to the rendered
+    images as before to the image.
+
+    l (3,): unit direction of the line.
+    image, plate: the surroundings of the streak, with known noise.
+    streak: where the object moved; elsewhere the plate is rendered.
+    count: number of images, which differ in their noise. The draws are seeded.
+    """
+    compression, transfer = image.meta.sharing, image.meta.transfer or SRGB
+    assert compression is not None
+    light = _rendered(l, image, plate, streak)
+    codes, noise = transfer.encode(light), np.sqrt(image.variance) / transfer.slope(light)
+    normal = [np.random.default_rng(seed).normal(size=light.shape) for seed in range(count)]
+    files = [compression.once(codes + noise * z) for z in normal]
+    behind = transfer.encode(np.asarray(plate.rgb, float))
+    files.append(compression.expected(behind, float(np.median(noise))))
+    *images, behind = (transfer.decode(file).astype(image.rgb.dtype) for file in files)
+    return [replace(image, rgb=rgb) for rgb in images], replace(plate, rgb=behind)
+
+
+def _rendered(l: Array, image: LinearImage, plate: LinearImage, streak: Streak) -> Array:
+    """(h, w, 3) light of an object of the line, with alpha and brightness estimated by pixel.
+
+    Both are smoothed, so that the rendering has no noise.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    sigma = 1.5  # pixels
+    C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
+    across = B - (B @ l)[..., None] * l
+    length2 = np.einsum("yxc,yxc->yx", across, across)
+    lost = length2 - np.einsum("yxc,yxc->yx", C, across)
+    alpha = gaussian_filter(lost, sigma) / np.maximum(gaussian_filter(length2, sigma), 1e-12)
+    alpha = np.clip(np.where(streak.mask, alpha, 0), 0, 1)
+    k = gaussian_filter((C - (1 - alpha)[..., None] * B) @ l, sigma)
+    k = np.maximum(np.where(streak.mask, k, 0), 0)
+    return np.asarray(k[..., None] * l + (1 - alpha)[..., None] * B)
+
+
+def published_color_line(image_colors: Floats, plate_colors: Floats) -> ColorModel:
+    """The line through black nearest to the lines C–B of all pixels ([GC07 §3.1]).
+
+    Black, C and B span a plane that contains the object's color, so the line is perpendicular to every
+    m = C × B: it is m₁ × m₂ for two pixels, and the eigenvector of Σ m mᵀ with the least eigenvalue
+    for more. Exact without noise. Noise of the image adds σ²(|B|² I − B Bᵀ) to each m mᵀ, whose least
+    eigenvector is the plate's color, and noise of the plate the same with the image's color.
+    `fit_color` has no such bias.
+
+    Parameters
+    ----------
+    image_colors, plate_colors : (n, 3) float
+        Linear light of image and plate at n >= 2 pixels of the streak.
+
+    Returns
+    -------
+    ColorModel
+        Rank 1. The paper gives no error, so the covariance is zero.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two pixels, or shapes that differ.
+    """
+    C, B = (np.asarray(a, dtype=float).reshape(-1, 3) for a in (image_colors, plate_colors))
+    if C.shape != B.shape or len(C) < 2:
+        raise ValueError(
+            f"two or more pixels of both pictures are needed, got {len(C)} of the image and "
+            f"{len(B)} of the plate"
+        )
+    m = np.cross(C, B)
+    line = np.linalg.eigh(m.T @ m)[1][:, :1]
+    return ColorModel(line if line.sum() > 0 else -line)

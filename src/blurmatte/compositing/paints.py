@@ -8,9 +8,8 @@ P = x₁ c₁ + x₂ c₂ + … they are aᵢ = alpha · xᵢ / Σ x, for any sh
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.layer import Color, colors_of, split
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.radiometry import light_in_srgb
@@ -33,7 +32,7 @@ class Exposures:
 
     fraction: Floats
     fraction_std: Floats
-    paints: npt.NDArray[np.float64]
+    paints: Array
 
     @property
     def known(self) -> Bools:
@@ -81,9 +80,7 @@ def split_exposure(solution: Solution, *paints: Color) -> Exposures:
     return Exposures(fraction.astype(kind), std.astype(kind), colors)
 
 
-def _std_from_light(
-    solution: Solution, colors: npt.NDArray[np.float64], x: Floats, whole: Floats
-) -> Floats:
+def _std_from_light(solution: Solution, colors: Array, x: Floats, whole: Floats) -> Floats:
     """Contribution of errors of the light: ∂aᵢ/∂x = alpha (δ − share) / Σx, x linear in light."""
     to_sum = np.linalg.pinv(colors)  # (3, n): light to x
     std = np.zeros_like(x)

@@ -36,8 +36,8 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.normal_equations import Normal, NormalEquations, posterior
@@ -47,8 +47,6 @@ from blurmatte.deblurring.sparse_prior import Bound, traces
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
 
-Array = npt.NDArray[np.float64]
-
 _SAMPLES = 4
 _ROUNDS = 3, 2  # of the strengths, of the prior of edges
 _TOLERANCE = 0.02  # of the residual of conjugate gradients, relative
@@ -56,7 +54,7 @@ _TOLERANCE_OF_SAMPLES = 0.05
 _MAX_PRODUCTS = 100  # of conjugate gradients
 
 
-class Compressed(NamedTuple):
+class DecodedColor(NamedTuple):
     """Straight color (n, 3), its variances (n, 3), and the reduced χ² s."""
 
     color: Array
@@ -82,7 +80,7 @@ class _Data:
     precisions: list[Array]
     of: Callable[[Array], list[Array]]
     adjoint: Callable[[list[Array]], Array]
-    touched: list[npt.NDArray[np.bool_]] | None = None
+    touched: list[Bools] | None = None
 
     def curvature(self, x: Array, s: float) -> Array:
         """Jᵀ w J x / s."""
@@ -120,7 +118,7 @@ def compressed_color(
     differences: Differences,
     smooth: GaussianFit,
     strengths: Array,
-) -> Compressed:
+) -> DecodedColor:
     """The color from the posterior under independent noise and a Gaussian prior."""
     solver = _Solver(state, equations, differences, smooth)
     solver.step(differences.weights(strengths))
@@ -143,7 +141,7 @@ def compressed_color(
     band = differences.band(solver.weights[:, 0], of_channels.width)
     scaled = posterior(of_channels, solver.independent_scale * band).variances()
     ratio = np.mean(np.square(samples), axis=0).sum(axis=0) / scaled.sum(axis=0)
-    return Compressed(solver.color, ratio * scaled, solver.misfit)
+    return DecodedColor(solver.color, ratio * scaled, solver.misfit)
 
 
 class _Solver:

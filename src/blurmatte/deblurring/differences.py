@@ -15,10 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array, Ints32
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.sphere import Sphere
-
-Array = npt.NDArray[np.float64]
 
 
 class Stencil(NamedTuple):
@@ -123,7 +122,7 @@ class Differences:
         return np.concatenate(parts)
 
 
-def _inside(*nodes: npt.NDArray[np.int32]) -> npt.NDArray[np.intp]:
+def _inside(*nodes: Ints32) -> npt.NDArray[np.intp]:
     """(m, k) nodes of which none is missing."""
     together = np.stack([one.ravel() for one in nodes], axis=1)
     return together[(together >= 0).all(axis=1)].astype(np.intp)

@@ -16,8 +16,8 @@ right; the posterior covariance s (N + μ Q)⁻¹ grows with it.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import (
     Normal,
@@ -26,8 +26,6 @@ from blurmatte.deblurring.normal_equations import (
     posterior,
 )
 from blurmatte.deblurring.sphere import Sphere
-
-Array = npt.NDArray[np.float64]
 
 _MAX_CONTRAST = 10.0  # root mean square difference of neighbors, linear light
 _MIN_CONTRAST = 1e-4

@@ -14,12 +14,11 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, Compression
 from blurmatte.radiometry.compression import BLOCK
 
-Array = npt.NDArray[np.float64]
 Matrix = Any  # scipy.sparse.csr_matrix
 
 

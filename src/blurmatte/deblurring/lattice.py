@@ -15,11 +15,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array, Ints32
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +36,7 @@ class Lattice:
         Distance of neighbors, pixels.
     """
 
-    node: Ints
+    node: Ints32
     corner: Array
     radius: float
     pitch: float = 1.0

@@ -8,20 +8,22 @@ c is normal, with mean and covariance
 
 The nodes are ordered so that N is banded, and a Cholesky factor costs n b² operations. On a ball the
 unknowns are the nodes and the coefficients of colored light, whose independent prior is part of N.
+
+A symmetric matrix S of n rows and b bands below the diagonal is stored as (n, b + 1), band[i, k] =
+S[i + k, i]; as (b + 1, n) in Fortran's order this is the lower form of LAPACK. Its loops are
+compiled.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.deblurring import banded_kernel as kernel
+from blurmatte.checks import Array
+from blurmatte.compiling import njit
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.operator import Sparse
 from blurmatte.deblurring.sphere import FIELD_STD, Sphere
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +33,7 @@ class NormalEquations:
     Parameters
     ----------
     band : (3, n, b + 1) or (1, n, b + 1) float
-        N of each channel, see `banded_kernel`; one if their weights are the same.
+        N of each channel, stored as banded matrices; one if their weights are the same.
     right : (3, n) float
         b of each channel.
     energy : (3,) float
@@ -56,7 +58,7 @@ class NormalEquations:
         band = np.zeros((weight.shape[1], lattice.unknowns, bandwidth(A, lattice) + 1))
         band[:, lattice.size :, 0] = FIELD_STD**-2
         for own, total in zip(np.ascontiguousarray(weight.T), band, strict=True):
-            kernel.add_normal(A.indptr, A.indices, A.data, own, total)
+            add_normal(A.indptr, A.indices, A.data, own, total)
         right = np.asarray(A.T @ (weight * light)).T
         return cls(
             band, right, (weight * light**2).sum(axis=0), int((weight > 0).all(axis=1).sum())
@@ -86,7 +88,7 @@ def bandwidth(A: Sparse, lattice: Lattice | Sphere) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
     edges = lattice.edges
     apart = int((edges[:, 1] - edges[:, 0]).max())
-    return max(int(kernel.width_of(A.indptr, A.indices)), apart)
+    return max(int(width_of(A.indptr, A.indices)), apart)
 
 
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
@@ -134,7 +136,7 @@ class Normal:
         from scipy.linalg.lapack import dpotri
 
         n = len(self.factors[0])
-        lower, _ = dpotri(kernel.block(self.factors[0], 0, n, 0, n), lower=1)
+        lower, _ = dpotri(block(self.factors[0], 0, n, 0, n), lower=1)
         return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
     def variances(self) -> Array:
@@ -161,8 +163,8 @@ def inverse_band(factor: Array) -> Array:
     band, later = np.zeros_like(factor), np.zeros((0, 0))
     for begin in range((n - 1) // width * width, -1, -width):
         end, last = min(begin + width, n), min(begin + 2 * width, n)
-        inverse, _ = dtrtri(kernel.block(factor, begin, end, begin, end), lower=1)
-        G = kernel.block(factor, end, last, begin, end) @ inverse
+        inverse, _ = dtrtri(block(factor, begin, end, begin, end), lower=1)
+        G = block(factor, end, last, begin, end) @ inverse
         below = -later @ G
         later = inverse.T @ inverse - G.T @ below
         rows = np.concatenate([later, below, np.zeros((2 * width - (last - begin), end - begin))])
@@ -196,3 +198,42 @@ def gradient_prior(lattice: Lattice | Sphere, weight: Array, width: int) -> Arra
         band[:, 0] += np.bincount(node, weight, lattice.unknowns)
     band[i, j - i] = -weight
     return band
+
+
+@njit(fastmath=True)
+def width_of(first, columns):  # type: ignore[no-untyped-def]
+    """Bands of Aᵀ A, from the ascending columns of the rows of A."""
+    width = 0
+    for p in range(len(first) - 1):
+        if first[p + 1] > first[p]:
+            width = max(width, columns[first[p + 1] - 1] - columns[first[p]])
+    return width
+
+
+@njit(fastmath=True)
+def add_normal(first, columns, values, weights, band):  # type: ignore[no-untyped-def]
+    """Add Aᵀ W A to a band (n, b + 1), for weights (pixels,)."""
+    row = np.zeros(band.shape[1])
+    for p in range(len(first) - 1):
+        begin, end = first[p], first[p + 1]
+        if begin == end or weights[p] == 0:
+            continue
+        left, last = columns[begin], columns[end - 1]
+        for r in range(begin, end):
+            row[columns[r] - left] = values[r]
+        for q in range(begin, end):
+            i, scaled = columns[q], weights[p] * values[q]
+            sums, later = band[i], row[i - left :]
+            for k in range(last - i + 1):  # zeros, too: a loop without gaps is vectorized
+                sums[k] += scaled * later[k]
+        row[: last - left + 1] = 0
+
+
+@njit()
+def block(band, top, bottom, left, right):  # type: ignore[no-untyped-def]
+    """Rows and columns of the lower triangular matrix of a band."""
+    found = np.zeros((bottom - top, right - left))
+    for i in range(left, right):
+        for j in range(max(top, i), min(bottom, i + band.shape[1])):
+            found[j - top, i - left] = band[i, j - i]
+    return found

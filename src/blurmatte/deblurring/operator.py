@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array, Ints32
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
-Array = npt.NDArray[np.float64]
 Sparse = Any  # scipy.sparse.csr_matrix
 
 MAX_STEP_PX = 0.5  # motion between two moments
@@ -103,7 +103,7 @@ def blur_operator(
     if isinstance(lattice, Sphere):
         (first, columns, values), field = _rows_on_sphere(lattice, poses, seen)
     else:
-        from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
 
         first, columns, values = operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen))
     A = csr_matrix((values, columns, first), shape=(len(first) - 1, lattice.size))
@@ -120,7 +120,7 @@ def blurred(
     near: "Seen | None" = None,
 ) -> tuple[Array, Array]:
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
-    from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
+    from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
 
     moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses, near))
     alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
@@ -141,7 +141,7 @@ class Seen(NamedTuple):
     The rim is that of a shape.
     """
 
-    covered: tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array]
+    covered: tuple[npt.NDArray[np.int64], Ints32, Array]
     xy: Array
     to_disc: Array
     width: int
@@ -151,7 +151,7 @@ class Seen(NamedTuple):
     @property
     def normals(self) -> Array:
         """(m, 3) unit normals of a ball at the covered moments."""
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         normal: Array = sphere_kernel.normals_of(self.covered, self.xy, self.to_disc, self.width)
         return normal
@@ -166,7 +166,7 @@ class Seen(NamedTuple):
 
 def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses, near: Seen | None = None) -> Seen:
     """The moments at which pixels, or blocks of them, see the object: those of a near motion."""
-    from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
+    from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
 
     xy, soft = (poses.xy - np.array(pixels.origin)) / pixels.scale, sweep.softness / pixels.scale
     same = near is not None and np.array_equal(near.shape, sweep.shape)
@@ -188,7 +188,7 @@ def projected(
     Light (h w, 3, 1 + k) and (A spreadᵀ)ₚₚ (h w, 1 + k) of the spin's light on the ball, then of each
     of its harmonics, without the cost of storing A.
     """
-    from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+    from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
     spin, seen = poses.spin or Spin(np.zeros(3)), seen_moments(sweep, pixels, poses)
     first, moment, part = seen.covered
@@ -216,7 +216,7 @@ def _rows_on_sphere(
     sphere: Sphere, poses: Poses, seen: Seen
 ) -> tuple[tuple[Array, Array, Array], Array]:
     """Compressed sparse rows of a ball that spins, and the columns of its colored light."""
-    from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+    from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
     spin = Spin(np.zeros(3)) if poses.spin is None else poses.spin
     first, moment, part = seen.covered

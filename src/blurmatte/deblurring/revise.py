@@ -21,8 +21,8 @@ cubic path can increase the evidence decisively more than one of the fitted kind
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.refine import Explained, explained, information_of, refined
 from blurmatte.deblurring.view import View
@@ -30,9 +30,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, scaled_inverse
 from blurmatte.sweep.model.path import CUBIC
 from blurmatte.sweep.sweep import Diagnostics, Sweep
-
-Array = npt.NDArray[np.float64]
-
 
 # Settings of the search for other motions.
 _RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
@@ -47,7 +44,7 @@ _KEPT_INFORMATION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class _Level:
+class _BlockPicture:
     """A picture of blocks of pixels, the lattice and the weights of all motions in it."""
 
     view: View
@@ -55,7 +52,7 @@ class _Level:
     weights: list[Array]
 
     @classmethod
-    def of(cls, view: View, by: int) -> "_Level":
+    def of(cls, view: View, by: int) -> "_BlockPicture":
         """Of blocks of `by` x `by` pixels."""
         coarse, lattice = view.coarser(by), Lattice.of(view.sweep, by)
         alpha = coarse.blur(lattice).alpha
@@ -78,7 +75,7 @@ class _Level:
 
 
 @dataclass(frozen=True, eq=False)
-class _Motion:
+class _RefinedSweep:
     """A refined sweep with its posterior covariance, its log evidence, and its reduced χ²."""
 
     sweep: Sweep
@@ -86,7 +83,7 @@ class _Motion:
     misfit: float
 
     @classmethod
-    def of(cls, state: Explained, prior: Array) -> "_Motion":
+    def of(cls, state: Explained, prior: Array) -> "_RefinedSweep":
         """Of explained light, by the prior covariance of the parameters."""
         sweep, free = state.views[0].sweep, np.diag(prior) > 0
         volumes = [np.linalg.slogdet(C[np.ix_(free, free)])[1] for C in (sweep.covariance, prior)]
@@ -107,7 +104,7 @@ class _Start:
     expected: float
 
     @classmethod
-    def of(cls, level: _Level, sweep: Sweep) -> "_Start":
+    def of(cls, level: _BlockPicture, sweep: Sweep) -> "_Start":
         held = _held(level.view, sweep)
         state = level.start(_wide(sweep, held, grows=True))
         information, gradient = information_of(state, state, level.lattice)
@@ -118,7 +115,9 @@ class _Start:
 def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
     view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius))).for_path()
-    coarse, fine = (_Level.of(view, max(1, round(sweep.radius / radius))) for radius in _RADII)
+    coarse, fine = (
+        _BlockPicture.of(view, max(1, round(sweep.radius / radius))) for radius in _RADII
+    )
     known = _Start.of(fine, sweep)
     least = known.log_evidence + DECISIVE_LOG_BAYES_FACTOR
     starts = [known] if known.expected >= least else []
@@ -141,7 +140,9 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     )
 
 
-def _searched(coarse: _Level, fine: _Level, start: _Start) -> tuple[_Motion, list[int]]:
+def _searched(
+    coarse: _BlockPicture, fine: _BlockPicture, start: _Start
+) -> tuple[_RefinedSweep, list[int]]:
     """The likeliest motion on a path of the start's family, and the parameters that were held."""
     sweep, held = start.sweep, start.held
     steady = _wide(sweep, held, grows=False)
@@ -167,7 +168,9 @@ def _on_cubic(sweep: Sweep) -> Sweep:
     return replace(sweep, family=CUBIC, path=path, covariance=covariance)
 
 
-def _grown(levels: list[_Level], starts: list[Sweep], held: list[int]) -> list[_Motion]:
+def _grown(
+    levels: list[_BlockPicture], starts: list[Sweep], held: list[int]
+) -> list[_RefinedSweep]:
     """The likeliest motion from some starts, and for a disc one that grows."""
     found = [_refined(levels, starts)]
     if starts[0].silhouette.order == 1:
@@ -175,13 +178,13 @@ def _grown(levels: list[_Level], starts: list[Sweep], held: list[int]) -> list[_
     return found
 
 
-def _refined(levels: list[_Level], starts: list[Sweep]) -> _Motion:
+def _refined(levels: list[_BlockPicture], starts: list[Sweep]) -> _RefinedSweep:
     """The likeliest motion from sweeps whose covariance is the prior, through finer pictures."""
     prior = starts[0].covariance
     for level in levels:
         state = max(map(level.refined, starts), key=lambda one: one.fit.log_evidence)
         starts = [replace(state.views[0].sweep, covariance=prior)]
-    return _Motion.of(state, prior)
+    return _RefinedSweep.of(state, prior)
 
 
 def _is_far(sweep: Sweep, other: Sweep) -> bool:

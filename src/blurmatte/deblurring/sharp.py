@@ -6,18 +6,16 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.deblurring.compressed import compressed_color
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
-from blurmatte.deblurring.refine import explained, refined
-from blurmatte.deblurring.residual_correlation import color_variance_inflation
+from blurmatte.deblurring.refine import color_variance_inflation, explained, refined
 from blurmatte.deblurring.revise import revised
 from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere
@@ -31,9 +29,6 @@ from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
-
 
 _MAX_WORK = 4e8  # operations of a Cholesky factor: a disc of 40 pixels on a line
 MAX_MISFIT = 2.0  # of light that a motion explains: twice the variance of the noise

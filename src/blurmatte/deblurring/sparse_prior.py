@@ -19,13 +19,11 @@ weights.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.gaussian import GaussianFit, fit_strength, refit_strength
 from blurmatte.deblurring.normal_equations import NormalEquations, cholesky_of, inverse_band
-
-Array = npt.NDArray[np.float64]
 
 _EXPONENT = 0.5  # p
 _SMALLEST_EDGE = 0.01  # ε, linear light

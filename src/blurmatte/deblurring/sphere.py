@@ -13,9 +13,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int32]
-
+from blurmatte.checks import Array, Ints32
 
 _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that is inclined
 MAX_NODES = 1500  # of a Cholesky factor that is not banded
@@ -35,7 +33,7 @@ class Sphere:
         Places of the nodes on the unit sphere, in the pose in the middle of the exposure.
     """
 
-    node: Ints
+    node: Ints32
     points: Array
 
     @classmethod

@@ -15,12 +15,10 @@ hues add Σₖ βₖ Yₖ(n), with coefficients βₖ of each channel, for a col
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.deblurring.sphere import HARMONICS
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 AMBIGUITY = "the direction of time is unknown: reversing path and spin gives the same picture"
 

@@ -14,11 +14,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.deblurring.refine import Explained, explained, refined, scores
 from blurmatte.deblurring.sphere import HARMONICS, MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
@@ -38,8 +37,6 @@ from blurmatte.errors import SpinError
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 VARIANCE_INFLATION = 3.0  # of the posterior of candidates, before it is measured; of rendered balls
 STRIPS_PER_RADIUS = 5

@@ -20,14 +20,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools, Ints32
 from blurmatte.deblurring.normal_equations import gradient_prior
 from blurmatte.deblurring.operator import Seen, Sparse, poses_of, row_sums, seen_moments
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
-
-Array = npt.NDArray[np.float64]
-
 
 # Grid, lattice and climbs of the search; angles in radians.
 NODES_PER_RADIUS = 5
@@ -106,7 +104,7 @@ class Search:
     sphere: Sphere
     t: Array
     first: npt.NDArray[np.int64]
-    moment: npt.NDArray[np.int32]
+    moment: Ints32
     weight: Array
     normal: Array
     P: Array
@@ -136,7 +134,7 @@ class Search:
         )
 
     @property
-    def entries(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array, Array]:
+    def entries(self) -> tuple[npt.NDArray[np.int64], Ints32, Array, Array]:
         """Of all blocks, as arguments of the kernels."""
         return self.first, self.moment, self.weight, self.normal
 
@@ -162,7 +160,7 @@ class Search:
         """(m, k) light of white highlights at the nodes that are visible."""
         from scipy.sparse import csr_matrix
 
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         lattice, still = Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS), np.zeros(3)
         first, columns, values = sphere_kernel.rows_of(
@@ -175,7 +173,7 @@ class Search:
         """A(ω)."""
         from scipy.sparse import csr_matrix
 
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         turns, size = Spin(rotation).turns(self.t), self.sphere.size
         first, columns, values = sphere_kernel.rows_of(
@@ -185,7 +183,7 @@ class Search:
 
     def _equations(self, rotation: Array, contrast: float, light: Array) -> tuple[Array, Array]:
         """Upper triangle of AᵀWA + λ Q (n, n), and AᵀW times light (m, k)."""
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         N, right = contrast**-2 * self.prior, np.zeros((self.sphere.size, light.shape[1]))
         turns, weighted = Spin(rotation).turns(self.t), self.W[:, None] * light
@@ -256,7 +254,7 @@ class Search:
         """The step of Gauss and Newton for log Z(ω), without the change of volume, at most 12°."""
         from scipy.linalg import solve_triangular
 
-        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         spin = Spin(rotation)
         J = sphere_kernel.turned(
@@ -360,8 +358,8 @@ def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:
 
 
 def _entries(
-    seen: Seen, use: npt.NDArray[np.bool_], count: int, spin: Spin | None
-) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array, Array]:
+    seen: Seen, use: Bools, count: int, spin: Spin | None
+) -> tuple[npt.NDArray[np.int64], Ints32, Array, Array]:
     """First entries of the blocks in use; moment, weight and normals of their entries."""
     first, moment, part = seen.covered
     each = np.diff(first)

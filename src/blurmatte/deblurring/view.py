@@ -11,9 +11,8 @@ edge between nodes errs by more than the noise of dark pixels.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations
@@ -30,8 +29,6 @@ from blurmatte.deblurring.spin import Spin
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, smooth_variance
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 MODEL_STD = 0.003  # δ, linear light
 _LONG_PX = 128.0  # paths with moments a pixel apart

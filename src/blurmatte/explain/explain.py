@@ -1,7 +1,9 @@
 """explain: colors, solutions, plates, noise, curves and motions in plain words."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
+
+import numpy as np
 
 from blurmatte.background import PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
@@ -12,16 +14,17 @@ from blurmatte.explain.calibration import (
     plate_in_words,
     response_in_words,
 )
-from blurmatte.explain.color import color_in_words
-from blurmatte.explain.fall import fall_in_words
-from blurmatte.explain.motion import motion_in_words, scatter_in_words, speed_in_words
-from blurmatte.explain.solution import solution_in_words
-from blurmatte.explain.space import (
+from blurmatte.explain.motion import (
     ball_in_words,
     depth_in_words,
+    fall_in_words,
+    motion_in_words,
     plane_motion_in_words,
     rotation_in_words,
+    scatter_in_words,
+    speed_in_words,
 )
+from blurmatte.explain.solution import solution_in_words
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.scatter import Scatter
@@ -31,6 +34,50 @@ from blurmatte.motion.space.depth import BlurDepth
 from blurmatte.motion.space.plane import PlaneMotion
 from blurmatte.motion.space.rotation import Rotation
 from blurmatte.radiometry import Transfer
+
+_MAX_STD_DEG = 30.0  # of evidence that is worth a number
+_EVIDENCE = {
+    "hue variation": "the hues of the plate behind the streak alone",
+    "shape": "the shape of the streak and the hues together",
+    "compression": "hues in a file that lets the colors of neighbors run together",
+    "feasibility": "alpha between 0 and 1, and no negative light, alone",
+    "frames": "several frames together",
+    "samples": "the scatter of the sampled colors alone",
+}
+_ANY = (
+    "Any colors: alpha follows from the shape and its motion, or from the plate's texture, not from a "
+    "color."
+)
+
+
+def color_in_words(model: ColorModel) -> Iterator[str]:
+    """Sentences: the mean color of several, which colors are possible, and their evidence."""
+    if model.rank > 1 and model.color:
+        yield f"On average {model.color}."
+    if model.rank == 3:
+        yield _ANY
+        return
+    yield _directions(model)
+    for name, std in model.evidence.items():
+        source = _EVIDENCE.get(name, f"{name} alone")
+        accuracy = f"to {std:.2g}°" if std < _MAX_STD_DEG else "nothing"
+        yield f"From {source}: {accuracy}."
+    if not model.evidence:
+        yield "The color was given, not measured."
+    limits = [" and ".join(other.hex) for other in model.possible]
+    if len(set(limits)) > 1:  # they differ from the color in 8 bits
+        yield f"In 95 of 100 cases no further away than {limits[1]} or {limits[5]}."
+
+
+def _directions(model: ColorModel) -> str:
+    colors = " and ".join(
+        f"({', '.join(f'{x:.3f}' for x in color)})" for color in np.round(model.rgb, 3) + 0.0
+    )
+    space = "linear RGB" if model.to_srgb is None else "camera's own linear RGB"
+    if model.rank == 1:
+        return f"One paint and its shades: all multiples of the {space} color {colors}."
+    return f"Two paints and their mixtures: a plane of colors between {space} {colors}."
+
 
 _WORDS: dict[type, Callable[[Any], Iterable[str]]] = {
     ColorModel: color_in_words,

@@ -1,13 +1,18 @@
-"""A Motion, a Speed and a Scatter in sentences."""
+"""Motion in sentences: in the picture, in space, on a plane, about a point, and in free fall."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from blurmatte.checks import Direction
 from blurmatte.explain.numbers import direction, with_error
+from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
+from blurmatte.motion.space.ball_motion import BallMotion
+from blurmatte.motion.space.depth import BlurDepth
+from blurmatte.motion.space.plane import PlaneMotion
+from blurmatte.motion.space.rotation import Rotation
 
 # The direction of readout, and the opposite one
 _TOWARDS: dict[Direction, tuple[str, str]] = {
@@ -23,6 +28,27 @@ _PATHS = {
     "from rest": "a straight line, at rest for a while",
     "parabola": "a curve of constant acceleration",
     "cubic": "a curve of changing acceleration",
+}
+_MAX_NAMED = 4  # frames in a sentence
+STANDARD_GRAVITY = 9.80665  # m/s² [3rd CGPM, 1901]
+_NO_TIME = "The speed is not known without the exposure time."
+_EITHER_END = (
+    "The picture does not determine which end came first: the reverse motion looks the same."
+)
+_SOURCES = {
+    "picture": "the noise of the pictures",
+    "radius": "the radius that was given",
+    "camera": "the camera's calibration",
+    "plane": "the calibration of the plane",
+    "height": "the height that was given",
+    "speed": "the speed that was given",
+    "exposure time": "the exposure time",
+}
+_PATHS_IN_SPACE = {
+    "line": "on a straight line through space",
+    "parabola": "through space with constant acceleration",
+    "disc": "at a distance from the camera that is assumed constant: a disc of one radius says "
+    "nothing of speed along the line of sight",
 }
 
 
@@ -151,3 +177,177 @@ def speed_in_words(speed: Speed) -> Iterator[str]:
         f"motion {later} in the picture, too small for one {earlier}. Give the time from line to line "
         "to correct it."
     )
+
+
+def fall_in_words(fall: FreeFall) -> list[str]:
+    """Sentences about the agreement with a free fall, and the lengths that follow from it."""
+    if fall.rejection and (fall.gravity is None or not fall.fits):
+        return [f"It does not agree with a free fall: {fall.rejection}.", *_off(fall)]
+    noise = "as noise does"
+    if fall.overscatter > 1:
+        noise = (
+            "without a bend; they exceed the stated errors, and the errors used are their scatter"
+        )
+    ratio = fall.chi2 / fall.freedom
+    said = [
+        f"It agrees with a free fall: the residuals of a parabola in time have "
+        f"{f'{ratio:.2g}' if ratio < 100 else f'{ratio:.0f}'} times the variance of its positions, "
+        f"{noise}. Its acceleration is {fall.size:.4g} ± {fall.size_std:.2g} {fall.unit}/s², "
+        f"{_direction(fall)}.",
+        *_off(fall),
+    ]
+    if fall.scale is None:
+        return said
+    return said + (_compared(fall) if fall.gravity is None else _in_gravity(fall))
+
+
+def _off(fall: FreeFall) -> list[str]:
+    """The frames that were not used because they disagree."""
+    if not fall.off:
+        return []
+    named = [str(frame) for frame in fall.off[:_MAX_NAMED]]
+    more = len(fall.off) - len(named)
+    what = f"{', '.join(named)} and {more} more" if more else " and ".join(named[-2:])
+    if not more and len(named) > 2:
+        what = f"{', '.join(named[:-2])}, {what}"
+    frames, have = ("Frame", "has") if len(fall.off) == 1 else ("Frames", "have")
+    return [f"{frames} {what} {have} no weight: off the parabola of the others by more than noise."]
+
+
+def _direction(fall: FreeFall) -> str:
+    if fall.unit == "px":
+        degrees = np.degrees(np.arctan2(fall.acceleration[1], fall.acceleration[0]))
+        return direction(float(degrees), float(np.degrees(fall.angle_std)))
+    off, std = np.degrees(fall.off_gravity)
+    x, y, z = fall.acceleration
+    what = "straight down in the picture; if it is gravity, the camera is tilted by that"
+    if fall.directed:
+        what = "the gravity that was given"
+    return f"({x:.3g}, {y:.3g}, {z:.3g}), {with_error(off, std)}° off {what}"
+
+
+def _compared(fall: FreeFall) -> list[str]:
+    """Comparison with standard gravity."""
+    assert fall.scale is not None
+    g, std = fall.in_meters(fall.scale)
+    share, meters = g / STANDARD_GRAVITY, _in_meters(fall)
+    said = [f"That is {meters}, {share:.3f} of standard gravity."]
+    if fall.unit == "m" and not fall.rejection:  # a picture may show only a part of gravity
+        said += _remedies(share, std / g)
+    return said
+
+
+def _in_meters(fall: FreeFall) -> str:
+    """The acceleration with all its errors."""
+    assert fall.scale is not None
+    basis = "the scale" if fall.unit == "px" else "radius and camera"
+    known = f"the errors of {basis} included"
+    if fall.scale.std == 0:
+        known = f"without errors of {basis}"
+    return f"{with_error(*fall.in_meters(fall.scale))} m/s², {known}"
+
+
+def _remedies(share: float, relative: float) -> list[str]:
+    """Wrong options that would explain a significant difference from gravity.
+
+    Differences up to 10 % may be caused by air or by the error of a radius.
+    """
+    if abs(share - 1) < max(3.0 * relative, 0.1):
+        return []
+    return [
+        f"It would be gravity if lengths were {1 / share:.3g} times as large (is it the radius that "
+        f"was given, not the diameter?), or if frames came {share**-0.5:.3g} times as fast (is it slow "
+        "motion?)."
+    ]
+
+
+def _in_gravity(fall: FreeFall) -> list[str]:
+    """Comparison with the gravity that was given, or the scale from it."""
+    assert fall.scale is not None
+    assert fall.gravity is not None
+    known = float(np.linalg.norm(fall.gravity))
+    g, std = fall.in_meters(fall.scale)
+    remedies = _remedies(g / known, float(np.hypot(std / g, fall.gravity_std / known)))
+    if fall.rejection:
+        return [f"It is no fall in the gravity that was given: {fall.rejection}.", *remedies]
+    if fall.scaled_by_gravity:
+        mm, std = 1000 * fall.scale.meters_per_pixel, 1000 * fall.scale.std
+        return [f"With a gravity of {known:.4g} m/s² a pixel is {mm:.4g} ± {std:.2g} mm there."]
+    apart = abs(g - known) / max(float(np.hypot(std, fall.gravity_std)), 1e-12)
+    ratio, ratio_std = fall.lengths
+    basis = "the scale" if fall.unit == "px" else "the ball's radius"
+    return [
+        f"That is {_in_meters(fall)}, where gravity is {known:.4g}: {apart:.1f} standard deviations "
+        "apart.",
+        f"By the fall, all lengths are {with_error(ratio, ratio_std)} times those from {basis}.",
+        *remedies,
+    ]
+
+
+def ball_in_words(motion: BallMotion) -> list[str]:
+    """Sentences about the measurement, its error and the source of it, and what is unknown."""
+    start, end = (", ".join(f"{v:.4g}" for v in motion.positions[i]) for i in (0, 2))
+    return [
+        f"It was {with_error(motion.depth, motion.depth_std)} m away along the optical axis, and went "
+        f"{with_error(motion.length, motion.length_std)} m {_PATHS_IN_SPACE[motion.path]}.",
+        *_speed(motion),
+        f"From ({start}) m to ({end}) m, or the reverse: the picture does not determine the direction "
+        "of time. x is right, y down, z forward.",
+        _largest_source("distance", motion.depth_parts),
+        _largest_source("speed", motion.parts),
+    ]
+
+
+def plane_motion_in_words(motion: PlaneMotion) -> list[str]:
+    """Sentences, as of a ball."""
+    lines = [f"It went {with_error(motion.length, motion.length_std)} m on the plane."]
+    return [*lines, *_speed(motion), _largest_source("speed", motion.parts), _EITHER_END]
+
+
+def _speed(motion: BallMotion | PlaneMotion) -> list[str]:
+    if motion.exposure_time is None:
+        return [_NO_TIME]
+    kmh = 3.6 * motion.speed, 3.6 * motion.speed_std
+    return [f"Speed: {with_error(motion.speed, motion.speed_std)} m/s, {with_error(*kmh)} km/h."]
+
+
+def depth_in_words(motion: BlurDepth) -> list[str]:
+    """Sentences about the distance, and its assumption."""
+    lines = [f"It was {with_error(motion.depth, motion.depth_std)} m away along the optical axis."]
+    if motion.start == motion.end:
+        lines.append(
+            "This assumes a motion parallel to the picture; otherwise it was mostly nearer."
+        )
+    else:
+        lines.append(
+            f"From {motion.start:.4g} m at the one end to {motion.end:.4g} m at the other."
+        )
+        lines.append(
+            f"The direction that was given lies {np.degrees(motion.off):.1f}° off the plane through "
+            "the streak and the camera."
+        )
+    return [*lines, _largest_source("distance", motion.parts)]
+
+
+def rotation_in_words(motion: Rotation) -> list[str]:
+    """Sentences about the angle and its speed."""
+    x, y = motion.center
+    degrees, std = np.degrees([motion.angle, motion.angle_std])
+    lines = [f"It turned by {with_error(degrees, std)}° about ({x:.1f}, {y:.1f})."]
+    if motion.exposure_time is None:
+        lines.append(_NO_TIME)
+    else:
+        per_minute = 60 / (2 * np.pi)
+        rpm = per_minute * motion.speed, per_minute * motion.speed_std
+        lines.append(
+            f"Speed: {with_error(motion.speed, motion.speed_std)} rad/s, {with_error(*rpm)} turns a "
+            "minute."
+        )
+    return [*lines, "The picture does not determine the sense of rotation."]
+
+
+def _largest_source(what: str, parts: Mapping[str, float]) -> str:
+    name = max(parts, key=lambda part: parts[part])
+    if parts[name] == 0:
+        return f"No error of the {what} is known."
+    return f"The error of the {what} comes mostly from {_SOURCES[name]} ({parts[name]:.1%} alone)."

@@ -1,4 +1,9 @@
-"""A solution in words: its explanation, the sum of alpha, and the evidence against it."""
+"""A solution in words: its explanation, the sum of alpha, and the evidence against it.
+
+An assumed layer may be usable over its own plate. There alpha and light have the same error: more
+alpha with a color nearer to the plate's gives the same picture. So a layer whose alpha is off by a
+factor gives back the image, and what it leaves of the image is its measure.
+"""
 
 import math
 from collections.abc import Iterator
@@ -6,14 +11,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.doubt import alpha_peak, doubts
-from blurmatte.explain.grade import alternatives_in_words, grade_in_words
+from blurmatte.explain.grade import alpha_peak, alternatives_in_words, doubts, grade_in_words
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import sweep_in_words
-from blurmatte.matting.maps import Quality
+from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, MedianNoise
-from blurmatte.radiometry import NoiseModel
+from blurmatte.radiometry import LinearImage, NoiseModel
 
 _MEDIUM_LIGHT = np.full(3, 0.2)
 _AGAINST = {
@@ -24,6 +28,7 @@ _AGAINST = {
     Quality.SHADOW: "only darker, a shadow or something black",
     Quality.OCCLUDED: "behind something still",
 }
+_MAX_RESIDUAL_STD = 3.0  # root mean square over the streak, in standard deviations of the noise
 
 
 def solution_in_words(solution: Solution) -> Iterator[str]:
@@ -112,3 +117,32 @@ def _flags(solution: Solution) -> str:
     if not said:
         return "Nothing is known against the streak's pixels."
     return f"Flagged in the streak: {', '.join(said)}."
+
+
+def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Solution) -> list[str]:
+    """That an assumed layer gives back the image over its plate; one line, or none if it does not.
+
+    image, plate: what was solved, of the size of the solution.
+    """
+    if solution.stats.grade is not Grade.ASSUMED:
+        return []
+    if solution.stats.may_be_shadow or not _gives_back(image, plate, solution):
+        return []
+    return [
+        "over the same plate the layer gives back the picture, so that edits there and `remove` are "
+        "usable all the same; over another background alpha may be off by that factor"
+    ]
+
+
+def _gives_back(image: LinearImage, plate: LinearImage, solution: Solution) -> bool:
+    """Whether layer over plate differs from the image by little more than noise."""
+    inside = solution.streak & image.valid & plate.valid
+    if not inside.any():
+        return False
+    image, plate, layer = image.in_srgb(), plate.in_srgb(), solution.layer
+    C, B = image.rgb[inside], plate.rgb[inside]
+    given = layer.premultiplied[inside] + (1 - layer.alpha[inside])[:, None] * B
+    square = float(np.mean((given - C) ** 2, dtype=float))
+    pairs = (solution.stats.image_noise, C), (solution.stats.plate_noise, B)
+    noise = sum(float(own.variance(light).mean()) for own, light in pairs if own is not None)
+    return square <= _MAX_RESIDUAL_STD**2 * noise

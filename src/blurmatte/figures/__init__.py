@@ -10,7 +10,7 @@ from blurmatte.figures.edit import draw_exposures as draw_exposures
 from blurmatte.figures.edit import draw_look as draw_look
 from blurmatte.figures.edit import png_of_look as png_of_look
 from blurmatte.figures.motion import draw_motion as draw_motion
-from blurmatte.figures.plate import draw_plate as draw_plate
-from blurmatte.figures.sharp import draw_sharp as draw_sharp
+from blurmatte.figures.motion import draw_sharp as draw_sharp
 from blurmatte.figures.solution import draw_overview as draw_overview
+from blurmatte.figures.solution import draw_plate as draw_plate
 from blurmatte.figures.solution import sure_pixels as sure_pixels

@@ -3,15 +3,14 @@
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import check_kind
+from blurmatte.checks import Codes8, check_kind
 from blurmatte.figures.drawing import figure_pixels, new_figure
 from blurmatte.radiometry import nearest_transfer
 
 
-def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
+def draw_noise(fit: NoiseFit) -> Codes8:
     """Draw the photon transfer curve: measured noise, the fitted model, and the part of rounding.
 
     Needs matplotlib (`pip install "blurmatte[plot]"`).
@@ -58,7 +57,7 @@ def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
     return figure_pixels(figure)
 
 
-def draw_response(fit: ResponseFit) -> npt.NDArray[np.uint8]:
+def draw_response(fit: ResponseFit) -> Codes8:
     """Draw a response curve with the nearest named one, its error, and residuals.
 
     Needs matplotlib (`pip install "blurmatte[plot]"`).

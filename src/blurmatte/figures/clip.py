@@ -7,14 +7,12 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Bools, Codes8
 from blurmatte.errors import BlurmatteError
 from blurmatte.figures.drawing import (
     Color,
     Palette,
-    Pixels,
     draw_line,
     ellipse_enlargement,
     figure_pixels,
@@ -26,7 +24,7 @@ from blurmatte.figures.drawing import (
     sheet_style,
     srgb_codes,
 )
-from blurmatte.figures.sheet import Layout, Page, Panel, Sheet
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel
 from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.fall import FreeFall
@@ -82,7 +80,7 @@ def draw_clip(
     physics: ClipPhysics | None = None,
     name: str = "clip",
     mattes: Sequence[Matte] = (),
-) -> Pixels:
+) -> Codes8:
     """Draw the paths of objects through a clip over its plate; place, speed and radius over time.
 
     The path within each exposure is bright, that between frames is blue. Several objects have a color
@@ -117,7 +115,7 @@ def draw_clip(
     found = [row for row in rows if row.sighting is not None]
     picture, enlarged = _paths(plate, found, physics.scales)
     frames, of = len({row.frame for row in found}), len({row.frame for row in rows})
-    sheet, count = Sheet(), len(_objects(found))
+    sheet, count = Canvas(), len(_objects(found))
     several = f"{count} objects, " if count > 1 else ""
     sheet.title(name, f"{several}found in {frames} of {of} frames")
     notes, parts = list[str](), [picture]
@@ -144,7 +142,7 @@ def _legend_in_words(found: Sequence[FrameMotion], physics: ClipPhysics) -> Iter
         )
 
 
-def _draw_mattes(sheet: Sheet, mattes: Sequence[Matte]) -> None:
+def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
     """Draw the surroundings of the object in each frame, and below them its alpha, of one scale."""
     solved = [one for one in mattes if not one.layer.empty]
     if not solved:
@@ -182,7 +180,7 @@ def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[Color,
 
 def _paths(
     plate: LinearImage, found: Sequence[FrameMotion], scales: Mapping[int, Scale]
-) -> tuple[Pixels, float]:
+) -> tuple[Codes8, float]:
     """The plate with the paths of all objects, and the factor that enlarges the crosses."""
     from PIL import ImageDraw
 
@@ -300,7 +298,7 @@ class _Series:
     t: Array
     values: Array
     errors: Array
-    unsure: npt.NDArray[np.bool_]
+    unsure: Bools
 
     @property
     def believed(self) -> Array:
@@ -409,7 +407,7 @@ def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Char
     return [*charts, _Chart(label, speeds, from_zero=True)]
 
 
-def _with_charts(picture: Pixels, charts: _Charts) -> list[Pixels]:
+def _with_charts(picture: Codes8, charts: _Charts) -> list[Codes8]:
     """The picture and below it the charts, or one page with the charts right of a narrow picture."""
     room = Page.width - 2 * Page.margin
     rest = room - picture.shape[1] - Page.gap
@@ -424,7 +422,7 @@ def _with_charts(picture: Pixels, charts: _Charts) -> list[Pixels]:
     return [page]
 
 
-def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Pixels:
+def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Codes8:
     """Draw the charts in columns on (width, height) pixels."""
     dpi = 100
     figure = new_figure((size[0] / dpi, size[1] / dpi), dpi)

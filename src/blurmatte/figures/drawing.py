@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Codes8, Floats
 from blurmatte.errors import BlurmatteError
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
 
-Pixels = npt.NDArray[np.uint8]
 Color = tuple[int, int, int]
 
 
@@ -31,18 +30,18 @@ class Palette:
     heat: Sequence[Color] = ((18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120))
 
 
-def srgb_codes(light: npt.NDArray[Any]) -> Pixels:
+def srgb_codes(light: npt.NDArray[Any]) -> Codes8:
     """Clipped sRGB codes of linear light."""
     return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
 
 
-def gray_codes(alpha: Floats, white: float) -> Pixels:
+def gray_codes(alpha: Floats, white: float) -> Codes8:
     """(H, W, 3) gray levels proportional to alpha (H, W); `white` maps to 255."""
     gray = np.asarray(np.rint(255 * np.clip(alpha / white, 0, 1)), dtype=np.uint8)
     return gray[..., None].repeat(3, axis=-1)
 
 
-def heat_codes(values: Floats) -> Pixels:
+def heat_codes(values: Floats) -> Codes8:
     """(H, W, 3) colors of the heat scale for values 0…1 (H, W)."""
     stops = np.arange(len(Palette.heat))
     position = values * stops[-1]
@@ -58,7 +57,7 @@ def checkerboard(shape: tuple[int, ...]) -> Floats:
     return np.asarray(light[..., None].repeat(3, axis=-1))
 
 
-def over_checkerboard(layer: Layer) -> Pixels:
+def over_checkerboard(layer: Layer) -> Codes8:
     """(H, W, 3) codes of a layer over a dark checkerboard."""
     return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
@@ -68,7 +67,7 @@ def light_of_codes(codes: npt.NDArray[Any]) -> Floats:
     return np.asarray(SRGB.table(256).astype(np.float32)[codes])
 
 
-def rescaled(pixels: Pixels | Floats, scale: int) -> Pixels:
+def rescaled(pixels: Codes8 | Floats, scale: int) -> Codes8:
     """Codes of pixels enlarged `scale` times, or for −n averaged over n x n pixels in linear light.
 
     Pixels that are linear light are encoded only once they are as few as shown.
@@ -105,7 +104,7 @@ def draw_line(pen: Any, xy: Any, scale: float, color: Color = Palette.bright) ->
     pen.line(points, fill=color, width=2, joint="curve")
 
 
-def unit_circle() -> npt.NDArray[np.float64]:
+def unit_circle() -> Array:
     """(65, 2) points of the unit circle, closed."""
     return np.stack([f(np.linspace(0, 2 * np.pi, 65)) for f in (np.cos, np.sin)], axis=1)
 
@@ -161,7 +160,7 @@ def sheet_style(figure: Any) -> Any:
     return rc_context(style)
 
 
-def figure_pixels(figure: Any) -> Pixels:
+def figure_pixels(figure: Any) -> Codes8:
     """(H, W, 3) sRGB of a figure of matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

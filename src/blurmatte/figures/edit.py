@@ -4,17 +4,16 @@ from io import BytesIO
 
 import numpy as np
 
-from blurmatte.checks import Box, check_kind, check_same_size
+from blurmatte.checks import Box, Codes8, check_kind, check_same_size
 from blurmatte.compositing import Exposures
 from blurmatte.figures.drawing import (
-    Pixels,
     fitted,
     gray_codes,
     over_checkerboard,
     round_up,
     srgb_codes,
 )
-from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, column_width, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, column_width, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
@@ -26,7 +25,7 @@ def draw_edit(
     before: LinearImage | None = None,
     after: LinearImage | None = None,
     remark: str = "",
-) -> Pixels:
+) -> Codes8:
     """Draw an object before and after an edit, alone and in its picture.
 
     Parameters
@@ -52,7 +51,7 @@ def draw_edit(
     box = _around(layer, edited)
     part, new = layer.crop(box), edited.crop(box)
     peak = round_up(float(max(part.alpha.max(), new.alpha.max())))
-    sheet = Sheet()
+    sheet = Canvas()
     sheet.title("before and after", f"{size_text(layer.size)} px{remark and f', {remark}'}")
     panels = [_layer_panels(one, peak, name) for one, name in ((part, "before"), (new, "after"))]
     if before is not None and after is not None:
@@ -75,7 +74,7 @@ def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
     ]
 
 
-def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
+def draw_look(thing: LinearImage | Layer | Solution) -> Codes8:
     """Draw a picture, a layer or a solution for a quick look.
 
     Parameters
@@ -93,7 +92,7 @@ def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
     TypeError
         For any other type.
     """
-    sheet = Sheet()
+    sheet = Canvas()
     if isinstance(thing, LinearImage):
         sheet.title(thing.meta.source or "picture", f"{size_text(thing.size)} px")
         _one(sheet, Panel(srgb_codes(thing.in_srgb().rgb), ""), "as a screen shows it")
@@ -126,7 +125,7 @@ def png_of_look(thing: LinearImage | Layer | Solution) -> bytes:
     return file.getvalue()
 
 
-def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
+def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     """Draw the exposure fraction of each paint of an object.
 
     Parameters
@@ -166,13 +165,13 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
         red, green, blue = (int(code) for code in codes[k])
         legend = [((red, green, blue), f"#{red:02x}{green:02x}{blue:02x}")]
         panels.append(Panel(map_of, f"paint {k + 1}", f"white = {peak:g} of the exposure", legend))
-    sheet = Sheet()
+    sheet = Canvas()
     sheet.title("how long each paint was there", f"{size_text(layer.size)} px")
     sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
     return sheet.pixels()
 
 
-def _one(sheet: Sheet, panel: Panel, what: str) -> None:
+def _one(sheet: Canvas, panel: Panel, what: str) -> None:
     height, width = panel.pixels.shape[:2]
     sheet.grid([panel], Layout.best((width, height), 1), what)
 

@@ -1,25 +1,34 @@
-"""The sheet of a motion: path, outlines and errors over the picture."""
+"""Sheets of a motion over the picture, and of the deblurred object."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.checks import Array, Box, check_kind, check_same_size
+from blurmatte.checks import Array, Box, Codes8, check_kind, check_same_size
+from blurmatte.deblurring.sharp import Sharp
 from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import (
     Palette,
-    Pixels,
     draw_line,
     ellipse_enlargement,
     error_ellipse,
     fitted,
+    gray_codes,
+    over_checkerboard,
+    round_up,
+    srgb_codes,
     unit_circle,
 )
-from blurmatte.figures.sheet import Page, Sheet
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
+from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 
+_STRIP = 8  # sub-frames
 
-def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixels:
+
+def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes8:
     """Draw a motion over the picture: path, first and last outline, and the errors.
 
     Without a fitted shape the outline is the disc of the silhouette's area. Ellipses show one standard
@@ -63,7 +72,7 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixel
         draw_line(
             pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, Palette.streak
         )
-    sheet = Sheet()
+    sheet = Canvas()
     sheet.title(image.meta.source or "blurmatte", repr(motion))
     sheet.picture(np.asarray(picture))
     note = f"Ellipses: one standard deviation of the ends, {enlarged:g} times enlarged."
@@ -90,3 +99,72 @@ def _enlarged(motion: Motion, scale: float) -> float:
     """Factor at which the ellipses are visible and still smaller than the object."""
     largest = max(float(np.sqrt(np.trace(motion.place_covariance(t)))) for t in (0, 1))
     return ellipse_enlargement(largest, max(motion.radius, 20 / scale))
+
+
+def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8:
+    """Draw an object sharp at moments of the exposure, and its error.
+
+    Parameters
+    ----------
+    sharp : Sharp
+    blurred : Layer
+        The same object as the picture shows it.
+    noise_known : bool
+        False for an object of a layer alone, as from `deblur_solution`: its misfit is not stated.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ, or the object is outside the picture.
+    """
+    check_kind("sharp", sharp, Sharp, "use blurmatte.deblur(image, plate, sweep)")
+    check_layer("blurred", blurred)
+    check_same_size("the layer", blurred.size, "the sharp object", sharp.size)
+    moments = [sharp.at(t) for t in (0.0, 0.5, 1.0)]
+    box = box_around(blurred, *moments)
+    if box is None:
+        raise ValueError("the object is outside the picture: there is nothing to show")
+    sheet, size = Canvas(), (box[2] - box[0], box[3] - box[1])
+    facts = [f"radius {sharp.sweeps[0].radius:.1f} px", f"{len(sharp.color)} points"]
+    facts.append(f"color ± {np.sqrt(np.mean(sharp.node_std**2)):.3f} of white")
+    facts += [f"misfit {sharp.misfit:.2f} (1 is noise)"] if noise_known else []
+    sheet.title("sharp", f"{size_text(sharp.size)} px; {', '.join(facts)}")
+    names = ("when the shutter opens", "in the middle", "when it closes")
+    panels = [Panel(over_checkerboard(blurred.crop(box)), "blurred", "over a checkerboard")]
+    panels += [
+        Panel(over_checkerboard(one.crop(box)), name)
+        for one, name in zip(moments, names, strict=True)
+    ]
+    sheet.grid(panels, _layout(size, len(panels)), "the object")
+    close = box_around(moments[1]) or box
+    part = moments[1].crop(close)
+    x0, y0, x1, y1 = close
+    std = np.sqrt(np.mean(sharp.color_std[y0:y1, x0:x1] ** 2, axis=-1))
+    peak = round_up(float(std.max()))
+    sheet.grid(
+        [
+            Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
+            Panel(gray_codes(std, peak), "error of the color", f"white = {peak:g}"),
+        ],
+        _layout(part.size, 2, [2]),
+        "the color and its standard deviation",
+    )
+    frames = [Panel(over_checkerboard(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
+    sheet.grid(frames, _layout(size, len(frames)), "sub-frames; the direction of time is unknown")
+    return sheet.pixels()
+
+
+def _layout(size: tuple[int, int], count: int, columns: Sequence[int] = ()) -> Layout:
+    """The panels of one of three grids that make a page near 16:10, as large as possible.
+
+    columns: their numbers that may be chosen; if none are given, those that fill all rows.
+    """
+    height = Page.width * 10 // 16 // 3
+    numbers = columns or [n for n in range(count, 0, -1) if count % n == 0]
+    layouts = [Layout.best(size, count, n, height) for n in numbers]
+    return max(layouts, key=lambda layout: layout.scale)

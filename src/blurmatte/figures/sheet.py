@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Floats
-from blurmatte.figures.drawing import Color, Palette, Pixels, heat_codes, rescaled
+from blurmatte.checks import Codes8, Floats
+from blurmatte.figures.drawing import Color, Palette, heat_codes, rescaled
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Page:
 class Panel:
     """A picture with its title, a remark, and a legend of its colors."""
 
-    pixels: Pixels | Floats  # (H, W, 3) codes, or linear light
+    pixels: Codes8 | Floats  # (H, W, 3) codes, or linear light
     title: str
     remark: str = ""
     legend: Sequence[tuple[Color | None, str]] = ()  # None: the heat scale
@@ -89,7 +89,7 @@ def size_text(size: tuple[int, int]) -> str:
     return f"{size[0]} x {size[1]}"
 
 
-class Sheet:
+class Canvas:
     """A canvas that is filled from top to bottom; `y` is the first free row."""
 
     def __init__(self) -> None:
@@ -99,7 +99,7 @@ class Sheet:
         self._pen = ImageDraw.Draw(self._picture)
         self.y = Page.margin
 
-    def pixels(self) -> Pixels:
+    def pixels(self) -> Codes8:
         """(H, W, 3) sRGB codes of the sheet, cropped to its content."""
         height = self.y + Page.margin - Page.gap
         return np.array(self._picture.crop((0, 0, Page.width, height)))
@@ -119,7 +119,7 @@ class Sheet:
         self.text(Page.margin + pad, self.y + pad, width - 2 * pad, text, size, Palette.ground)
         self.y = bottom + Page.gap // 2
 
-    def picture(self, pixels: Pixels, legend: Sequence[tuple[Color, str]] = ()) -> None:
+    def picture(self, pixels: Codes8, legend: Sequence[tuple[Color, str]] = ()) -> None:
         """Add a picture of at most the whole width, and a legend of its colors."""
         self.paste(pixels, Page.margin, self.y)
         width, bottom = Page.width - 2 * Page.margin, self.y + pixels.shape[0] + 8
@@ -203,7 +203,7 @@ class Sheet:
         """Draw body text from x to the right margin; returns its bottom."""
         return y + self.text(x, y, Page.width - Page.margin - x, text, Page.body_size, color)
 
-    def paste(self, pixels: Pixels, x: int, y: int) -> None:
+    def paste(self, pixels: Codes8, x: int, y: int) -> None:
         """Draw pixels with their upper left corner at (x, y)."""
         from PIL import Image
 

@@ -1,20 +1,29 @@
-"""The sheet of a solution: the whole picture, findings in words, and the streak enlarged."""
+"""Sheets of a solution and of a plate.
+
+That of a solution has the whole picture, findings in words, and the streak enlarged; that of a plate
+its light, the coverage of each pixel, and its error.
+"""
 
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, check_same_size
+from blurmatte.background import PlateFit
+from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.doubt import alpha_peak, doubts
 from blurmatte.explain.explain import explain
-from blurmatte.explain.grade import alternatives_in_words, alternatives_of, grade_in_words
+from blurmatte.explain.grade import (
+    alpha_peak,
+    alternatives_in_words,
+    alternatives_of,
+    doubts,
+    grade_in_words,
+)
 from blurmatte.explain.sweep import likeliest_shape
 from blurmatte.figures.drawing import (
     Color,
     Palette,
-    Pixels,
     checkerboard,
     draw_line,
     fitted,
@@ -24,7 +33,7 @@ from blurmatte.figures.drawing import (
     round_up,
     srgb_codes,
 )
-from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
 from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution, check_solution
@@ -40,7 +49,7 @@ _FLAGS: dict[Quality, tuple[Color, str]] = {
 }
 
 
-def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) -> Pixels:
+def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) -> Codes8:
     """Draw a solution on one sheet.
 
     Parameters
@@ -68,7 +77,7 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     image, plate = image.in_srgb(), plate.in_srgb()
     layout = _layout(solution)
     panels = _panels(image, plate, solution, _surroundings(solution, layout))
-    sheet = Sheet()
+    sheet = Canvas()
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
     sheet.title(
         " over ".join(names) or "blurmatte", f"{size_text(solution.size)} px, {solution.solver}"
@@ -85,7 +94,7 @@ def _warned(solution: Solution) -> list[str]:
     return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
-def _head(sheet: Sheet, whole: Pixels, solution: Solution) -> None:
+def _head(sheet: Canvas, whole: Codes8, solution: Solution) -> None:
     """Draw the whole picture and, to its right, the findings in words."""
     sheet.paste(whole, Page.margin, sheet.y)
     x = Page.margin + whole.shape[1] + Page.gap + 8
@@ -99,7 +108,7 @@ def _head(sheet: Sheet, whole: Pixels, solution: Solution) -> None:
     sheet.y = max(y, sheet.y + whole.shape[0]) + Page.gap
 
 
-def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
+def _draw_model(sheet: Canvas, x: int, solution: Solution) -> int:
     """Draw swatches of the color model and its evidence; returns the bottom."""
     model = solution.model
     y = sheet.heading(x, sheet.y, "color of the object")
@@ -121,7 +130,7 @@ def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
     return y
 
 
-def _draw_alternatives(sheet: Sheet, x: int, y: int, solution: Solution) -> int:
+def _draw_alternatives(sheet: Canvas, x: int, y: int, solution: Solution) -> int:
     """Draw a row of swatches, the solution's own first, and sentences; returns the bottom.
 
     Draws nothing if the grade is confirmed or no hypotheses were compared.
@@ -141,7 +150,7 @@ def _draw_alternatives(sheet: Sheet, x: int, y: int, solution: Solution) -> int:
     return y
 
 
-def _draw_swatch(sheet: Sheet, x: int, y: int, width: int, one: Alternative) -> int:
+def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative) -> int:
     """Draw one color with its hex code, factor of alpha and weight; returns the bottom."""
     codes = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
     height = 48
@@ -203,9 +212,9 @@ def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
     return (rows.start, rows.stop), (columns.start, columns.stop)
 
 
-def _swatch(model: ColorModel, width: int) -> list[Pixels]:
+def _swatch(model: ColorModel, width: int) -> list[Codes8]:
     """Rows of a swatch: shades of one paint; of several their mean, and mixtures of two below it."""
-    rows, height = list[Pixels](), 56
+    rows, height = list[Codes8](), 56
     if model.rank > 1 and model.color:
         mean = np.array(list(bytes.fromhex(model.color[1:])), np.uint8)
         height = 56 if model.rank == 3 else 40
@@ -218,7 +227,7 @@ def _swatch(model: ColorModel, width: int) -> list[Pixels]:
     return rows
 
 
-def _possible(model: ColorModel) -> list[Pixels]:
+def _possible(model: ColorModel) -> list[Codes8]:
     """A row of swatches of the possible colors for each color of the model."""
     colors = np.stack([other.srgb for other in model.possible], axis=1)
     return [srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
@@ -255,7 +264,7 @@ def _error_panel(part: Solution) -> Panel:
     return Panel(pixels, "error", "std of alpha in the streak", legend)
 
 
-def _whole(image: LinearImage, solution: Solution) -> Pixels:
+def _whole(image: LinearImage, solution: Solution) -> Codes8:
     """The whole picture with a box around each moving object."""
     from PIL import ImageDraw
 
@@ -286,3 +295,35 @@ def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:
     x0, y0, x1, y1 = (round(scale * edge) for edge in box)
     corners = (max(x0 - 2, 0), max(y0 - 2, 0)), (min(x1 + 1, size[0] - 1), min(y1 + 1, size[1] - 1))
     return [float(edge) for corner in corners for edge in corner]
+
+
+def draw_plate(fit: PlateFit) -> Codes8:
+    """Draw a plate, the share of frames that show each pixel, and its error on one sheet.
+
+    Parameters
+    ----------
+    fit : PlateFit
+        Result of `make_plate`.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+    """
+    plate = fit.plate
+    known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))
+    light = np.where(known[..., None], srgb_codes(plate.rgb), np.array(Palette.unknown, np.uint8))
+    top = round_up(float(np.percentile(std[known], 98)))
+    errors = heat_codes(np.clip(std / top, 0, 1))
+    errors[~known] = Palette.unknown
+    unknown = (Palette.unknown, f"not known or clipped {1 - known.mean():.1%}")
+    sheet = Canvas()
+    sheet.title("plate", f"{size_text(plate.size)} px of {len(fit.gain)} frames")
+    sheet.sentences(explain(fit))
+    panels = [
+        Panel(light, "plate", legend=[unknown]),
+        Panel(heat_codes(fit.coverage), "free", "share of frames", [(None, "0 to 1")]),
+        Panel(errors, "error", "std of light, 1 is white", [(None, f"0 to {top:g}"), unknown]),
+    ]
+    sheet.grid(panels, Layout.best(plate.size, len(panels)), "what the frames say")
+    return sheet.pixels()

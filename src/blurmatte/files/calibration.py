@@ -3,17 +3,14 @@
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator
 
 from blurmatte.calibration import NoiseFit, ResponseFit
+from blurmatte.checks import Array
 from blurmatte.files.documents import document, numbers, read_json
 from blurmatte.radiometry import NoiseModel, Transfer
 from blurmatte.radiometry.transfer import TABLE
 from blurmatte.statistics import BLOCK_SIZES
-
-Array = npt.NDArray[np.float64]
 
 MAX_NOISE = 1e3  # gain and standard deviations, of white
 MAX_LIGHT = 1e6  # of a code value; white is 1

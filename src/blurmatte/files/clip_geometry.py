@@ -1,18 +1,32 @@
-"""Geometry of video frames: display matrices, the shape of pixels, and fields."""
+"""Geometry of video frames: display matrices, shape of pixels, fields, place of subsampled chroma.
+
+Between two materials chroma C is a linear function of luma L, whether the edge is sharp or out of
+focus. With C and L averaged alike, and δ the position of a chroma sample from the middle of the luma
+samples that share it, C ≈ a + b (L + δ L′). In each window a, b and δ are fitted by least squares;
+windows share δ, and its error is that of their scatter (a sandwich estimate). With the chroma of a
+plate instead of L, its whole texture determines δ.
+"""
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Direction
+from blurmatte.checks import Array, Direction
 from blurmatte.errors import FileError
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
 _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unknown
+# 4:2:0 shares the chroma of two columns at the left one: players and cameras assume this where it is
+# not stated (ITU-T H.264, figure E-1). FFmpeg alone would put it between the columns.
+_TO_BT709 = (
+    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
+)
 
 
 @dataclass(frozen=True)
@@ -102,3 +116,168 @@ def check_progressive(path: Path, frame: Any, field_order: int) -> None:
             f"{path}: deinterlace it (ffmpeg -i … -vf bwdif), or mark it as progressive if it is (-vf "
             "setfield=prog); its frames are interlaced: two fields, half a frame apart in time"
         )
+
+
+def filter_graph(frame: Any, *filters: tuple[str, str]) -> Any:
+    """A graph of named filters with their options for frames like this `VideoFrame`."""
+    from av.filter import Graph
+
+    graph = Graph()
+    source = graph.add_buffer(
+        width=frame.width, height=frame.height, format=frame.format, time_base=Fraction(1)
+    )
+    parts = (source, *(graph.add(*one) for one in filters), graph.add("buffersink"))
+    graph.link_nodes(*parts).configure()
+    return graph
+
+
+def rec709_converter(frame: Any, pixels: str) -> Any:
+    """A graph that converts R'G'B' frames like this one to Y'CbCr of Rec. 709."""
+    return filter_graph(frame, ("scale", _TO_BT709), ("format", pixels))
+
+
+@dataclass(frozen=True)
+class SitingTest:
+    """How certain the position of chroma must be."""
+
+    window: int = 6  # samples: two materials in most
+    min_r2: float = 0.8  # of chroma as a linear function of luma and its slope, in a window
+    code_std: float = 0.3  # of rounding, added to the residuals of windows
+    min_windows: float = 10.0  # effective number
+    min_deviation: float = 4.0  # standard deviations off the other position
+    max_std_px: float = 0.1  # of luma
+    max_off_px: float = 0.25  # half the distance of the positions
+
+
+def siting_of(frame: Any) -> str | None:
+    """Where the edges in a `VideoFrame` show that chroma lies, in FFmpeg's words.
+
+    At the first of two columns, "left", or between them, "center"; of two rows at the first, "topleft"
+    and "top"; "" if the edges do not show it, None if columns do not share chroma.
+    """
+    by_two = _shared_by_two(frame)
+    if not by_two[1]:
+        return None
+    luma, chroma = _planes(frame, by_two)
+    left, top = (_at_first(_window_sums([luma] * 2, list(chroma), axis, 2)) for axis in (1, 0))
+    return _name(left, by_two[0] and top is True)
+
+
+def siting_against(seen: Sequence[Array], plate: Sequence[Array]) -> str:
+    """Where chroma lies by a plate: `seen` (n, H, W) is that of a frame decoded as "left"."""
+    left = _at_first(_window_sums(plate, seen, 1, 1), -0.5)
+    return _name(left, _at_first(_window_sums(plate, seen, 0, 1)) is True)
+
+
+def _name(left: bool | None, top: bool) -> str:
+    if left is None:
+        return ""
+    return ("topleft" if left else "top") if top else "left" if left else "center"
+
+
+def with_siting(frame: Any, siting: str | None) -> Any:
+    """The frame, marked as having its chroma there; else as `left_sited`."""
+    return _marked(frame, siting) if siting else left_sited(frame)
+
+
+def _shared_by_two(frame: Any) -> tuple[bool, bool]:
+    """True where two rows, and where two columns share chroma, in planes that can be read here."""
+    form = frame.format
+    if form.is_rgb or not form.is_planar or form.is_big_endian or len(frame.planes) < 3:
+        return False, False
+    halves = (
+        form.chroma_height(frame.height) == -(-frame.height // 2),
+        form.chroma_width(frame.width) == -(-frame.width // 2),
+    )
+    return halves[0], halves[1]
+
+
+def _planes(frame: Any, by_two: tuple[bool, bool]) -> tuple[Array, Array]:
+    """(h, w) luma, averaged over the pixels that share chroma, and (2, h, w) chroma, as 8 bits."""
+    bits = frame.format.components[0].bits
+    kind, scale = np.uint8 if bits <= 8 else np.uint16, 2.0 ** (8 - bits)
+    luma, *chroma = (
+        scale * np.frombuffer(plane, kind).reshape(plane.height, -1)[:, : plane.width]
+        for plane in frame.planes[:3]
+    )
+    if by_two[0]:
+        luma = (luma[:-1:2] + luma[1::2]) / 2
+    luma = (luma[:, :-1:2] + luma[:, 1::2]) / 2
+    h, w = luma.shape
+    return luma, np.stack(chroma)[:, :h, :w]
+
+
+def _window_sums(luma: Sequence[Array], chroma: Sequence[Array], axis: int, pixels: int) -> Array:
+    """(n, 2) numerators and denominators of δ along an axis, in pixels of luma, of each window.
+
+    `pixels` are those of luma in a sample.
+    """
+    sums = []
+    for known, plane in zip(luma, chroma, strict=True):
+        smoothed = _smoothed(known)
+        slope = (np.roll(smoothed, -1, axis) - np.roll(smoothed, 1, axis)) / (2 * pixels)
+        L, C, D = (_windows(a[1:-1, 1:-1]) for a in (smoothed, _smoothed(plane), slope))
+        square = np.maximum(_dot(L, L), 1e-9)
+        D = D - _dot(D, L) / square * L
+        b = _dot(C, L) / square
+        rest = C - b * L
+        left = _dot(rest, rest) - _dot(rest, D) ** 2 / np.maximum(_dot(D, D), 1e-9)
+        weight = 1 / (SitingTest.code_std**2 + np.maximum(left, 0) / L.shape[1])
+        weight = weight * (left < (1 - SitingTest.min_r2) * _dot(C, C))
+        sums.append(np.hstack([weight * b * _dot(rest, D), weight * b**2 * _dot(D, D)]))
+    return np.asarray(sum(sums))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """(n, 1) inner product of each window."""
+    return np.asarray((a * b).sum(axis=1, keepdims=True))
+
+
+def _smoothed(plane: Array) -> Array:
+    """Binomial mean over 3 x 3 samples, without the outer ones."""
+    plane = (plane[:-2] + 2 * plane[1:-1] + plane[2:]) / 4
+    return np.asarray((plane[:, :-2] + 2 * plane[:, 1:-1] + plane[:, 2:]) / 4)
+
+
+def _windows(plane: Array) -> Array:
+    """(n, window²) samples of each window, less their mean."""
+    side = SitingTest.window
+    h, w = (count // side * side for count in plane.shape)
+    rows = plane[:h, :w].reshape(h // side, side, w // side, side)
+    tiles = rows.swapaxes(1, 2).reshape(-1, side**2)
+    return np.asarray(tiles - tiles.mean(axis=1, keepdims=True))
+
+
+def _at_first(sums: Array, middle: float = 0.0) -> bool | None:
+    """True if δ less `middle` is that of the first of two pixels, False if 0, None if uncertain."""
+    test, (n, d) = SitingTest(), sums.T
+    if not d.sum() ** 2 > test.min_windows * (d**2).sum():
+        return None
+    offset = n.sum() / d.sum()
+    std = np.sqrt(((n - offset * d) ** 2).sum()) / d.sum()
+    offset += middle
+    here, other = (-0.5, 0.0) if offset < -0.25 else (0.0, -0.5)
+    certain = std < test.max_std_px and abs(offset - other) > test.min_deviation * std
+    return here < 0 if certain and abs(offset - here) < test.max_off_px else None
+
+
+def left_sited(frame: Any) -> Any:
+    """The frame, marked as having its chroma at the left column if it is 4:2:2 [BT.601].
+
+    Decoders of MPEG and JPEG state the position, and FFmpeg uses it. Those of ProRes, DNxHD and
+    uncompressed video do not, and FFmpeg would assume a position between the columns. JPEG's chroma,
+    of full range, is between them.
+    """
+    from av.video.reformatter import ColorRange
+
+    width, height = frame.width, frame.height
+    half = frame.format.chroma_width(width) < width, frame.format.chroma_height(height) < height
+    if half != (True, False) or frame.color_range == ColorRange.JPEG:
+        return frame
+    return _marked(frame, "left")
+
+
+def _marked(frame: Any, siting: str) -> Any:
+    graph = filter_graph(frame, ("setparams", f"chroma_location={siting}"))
+    graph.push(frame)
+    return graph.pull()

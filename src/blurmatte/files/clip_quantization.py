@@ -10,21 +10,19 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.files.clip_decoding import opened
 from blurmatte.files.clip_geometry import side_data_of
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
 from blurmatte.files.clip_times import Timing
 from blurmatte.radiometry.color_space import ycbcr_matrix
-from blurmatte.radiometry.compression import BLOCK
-from blurmatte.radiometry.transform_coding import (
+from blurmatte.radiometry.compression import (
+    BLOCK,
     CodingError,
     CodingErrors,
     quantization_variance,
 )
-
-Array = npt.NDArray[np.float64]
 
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
 _FRAMES_IN_MEMORY = 4

@@ -14,26 +14,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Floats
+from blurmatte.checks import Array, Bools, Box, Floats, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files.chroma_siting import siting_against, siting_of, with_siting
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
     Orientation,
     check_progressive,
     orientation_of,
+    siting_against,
+    siting_of,
+    with_siting,
 )
 from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
 from blurmatte.files.errors import check_size, check_square_pixels
-from blurmatte.files.icc import Matrix, Profile
-from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
+from blurmatte.files.icc import CICP_PRIMARIES, Profile, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, RgbCodes
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
+from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
-from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
@@ -163,7 +164,7 @@ def decode_frames(
 
 def _light(
     clip: Clip,
-    table: npt.NDArray[np.float32],
+    table: Floats32,
     codes: npt.NDArray[Any],
     number: int,
     time: float | None,
@@ -201,7 +202,7 @@ def sited_by(clip: Clip, plate: LinearImage | None, number: int) -> Clip:
     return clip
 
 
-def _chroma(clip: Clip, light: Floats) -> list[npt.NDArray[np.float64]]:
+def _chroma(clip: Clip, light: Floats) -> list[Array]:
     """Two differences of code values, which luma does not change."""
     codes = 255 * np.asarray(clip.encoding.curves[0].encode(np.maximum(light, 0)), float)
     return [codes[..., c] - codes[..., 1] for c in (0, 2)]
@@ -256,7 +257,7 @@ def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
     return CodedFrame(-1, None, planes, zero_of(like), 1.0, lambda box, every: picture.crop(box))
 
 
-def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) -> CodedFrame:
+def _coded(clip: Clip, table: Floats32, number: int, frame: Any) -> CodedFrame:
     """A `VideoFrame` as code values; its light is converted when it is first asked for."""
     same = planar(frame)
     time, size = clip.timing.time_of(number, frame), 3 if clip.bits <= 8 else 6
@@ -275,7 +276,7 @@ class _LightOf:
     def __init__(
         self,
         clip: Clip,
-        table: npt.NDArray[np.float32],
+        table: Floats32,
         number: int,
         time: float | None,
         frame: Any,
@@ -381,7 +382,7 @@ def _white(frame: Any, bits: int) -> int:
     return LIMITED_WHITE
 
 
-def _table(clip: Clip) -> npt.NDArray[np.float32]:
+def _table(clip: Clip) -> Floats32:
     """Light of every code value."""
     codes = np.arange(256 if clip.bits <= 8 else 65536)
     return np.asarray(clip.encoding.curves[0].decode(codes / clip.white), dtype=np.float32)
@@ -447,7 +448,7 @@ def _curve(path: Path, frame: Any, transfer: Transfer | None, stacklevel: int) -
     return REC709
 
 
-def _matrix(path: Path, frame: Any) -> Matrix | None:
+def _matrix(path: Path, frame: Any) -> Array | None:
     """(3, 3) matrix to the primaries of sRGB and BT.709; None if these are stated or nothing is."""
     stated = int(frame.color_primaries)
     if stated in (0, H273.BT709, H273.UNSPECIFIED):

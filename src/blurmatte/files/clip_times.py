@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.errors import BlurmatteWarning, FileError
 
 MICROSECOND = Fraction(1, 1_000_000)  # FFmpeg's unit of the duration of a file
@@ -40,7 +41,7 @@ class Timing:
     # (n,): rising time stamps, by which frames are found, in ticks of the file; empty if the file does
     # not state them, or they do not rise: frames are counted from the beginning then
     stamps: npt.NDArray[np.int64]
-    seconds: npt.NDArray[np.float64]  # (n,): the times of the frames; empty if they are not stated
+    seconds: Array  # (n,): the times of the frames; empty if they are not stated
     keys: npt.NDArray[np.int64]  # (m,): numbers of key frames, at which decoding can begin
     lost: int = 0  # number of frames that cannot be decoded, by their packets
 
@@ -277,7 +278,7 @@ def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], r
     return max(round(float(stated - max(end, end - start)) * rate), 0)
 
 
-def _on_grid(stamps: npt.NDArray[np.int64], stream: Any) -> tuple[npt.NDArray[np.float64], bool]:
+def _on_grid(stamps: npt.NDArray[np.int64], stream: Any) -> tuple[Array, bool]:
     """Seconds of the stamps, exact if they are rounded times of a rate; True if none is left out."""
     offsets = stamps - stamps[0]
     for rate in (stream.base_rate, stream.average_rate, stream.guessed_rate):

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
-from blurmatte.files.chroma_siting import rec709_converter
+from blurmatte.checks import Codes8, Floats
 from blurmatte.files.clip_decoding import video_library
+from blurmatte.files.clip_geometry import rec709_converter
 from blurmatte.files.clip_reading import LIMITED_WHITE
 from blurmatte.files.encoding import H273
 from blurmatte.layer import Layer
@@ -68,14 +68,14 @@ def save_animation(path: Path, pictures: Iterable[LinearImage | Any], rate: floa
     first.save(path, save_all=True, append_images=frames, duration=1000 / rate, loop=0, quality=90)
 
 
-def _srgb(picture: LinearImage | npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+def _srgb(picture: LinearImage | Codes8) -> Codes8:
     if isinstance(picture, LinearImage):
         light = np.clip(picture.in_srgb().rgb, 0, 1)
         return np.asarray(np.rint(255 * SRGB.encode(light)), dtype=np.uint8)
     return picture
 
 
-def _coded(thing: Layer | LinearImage | npt.NDArray[np.uint8]) -> Floats:
+def _coded(thing: Layer | LinearImage | Codes8) -> Floats:
     """(H, W, 3) straight colors as code values of Rec. 709, 0…1."""
     if isinstance(thing, Layer):
         return _straight(thing)

@@ -1,15 +1,19 @@
-"""Documents: JSON, TOML and EXR headers, checked against a schema before any of their values is used.
+"""Documents: JSON, TOML and EXR headers, checked against a schema; JSON and CSV texts of reports.
 
-A schema is a dataclass whose fields are annotated with `numbers` and `covariance_matrix`, or are of
-types that pydantic checks. A document that people write is a `@document`: other keys are refused, since
-a misspelled one would be ignored otherwise. Of texts that only this package writes, such as EXR
-headers, other keys are ignored.
+Documents are checked before any of their values is used. A schema is a dataclass whose fields are
+annotated with `numbers` and `covariance_matrix`, or are of types that pydantic checks. A document
+that people write is a `@document`: other keys are refused, since a misspelled one would be ignored
+otherwise. Of texts that only this package writes, such as EXR headers, other keys are ignored.
 """
 
+import csv
+import io
+import json
 import math
 import reprlib
 import sys
 import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
 from difflib import get_close_matches
 from functools import cache
@@ -18,10 +22,10 @@ from pathlib import Path
 from typing import Any, TypeVar, dataclass_transform, get_args
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import AliasChoices, ConfigDict, PlainValidator, TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
+from blurmatte.checks import Array
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_exists, unreadable
 
@@ -166,7 +170,7 @@ def covariance_matrix(high: float, *shape: int | None) -> PlainValidator:
     """A field that holds a covariance: symmetric, without a negative variance, at most `high`."""
     check = numbers(-high, high, *shape).func
 
-    def positive(value: Any) -> npt.NDArray[np.float64]:
+    def positive(value: Any) -> Array:
         """The matrix; ValueError if it is no covariance."""
         C = np.asarray(check(value))  # type: ignore[call-arg]
         slack = 1e-6 * np.abs(C).max(initial=0)
@@ -241,3 +245,67 @@ def _check_numbers(name: str, value: Any, most: float) -> None:
             raise ValueError(
                 f"{name} must be a number from {-limit:g} to {limit:g}, got {reprlib.repr(value)}"
             )
+
+
+def mapping_to_json(mapping: Mapping[str, Any]) -> str:
+    """A report; NumPy arrays become lists, and numbers that are not finite become null."""
+    return _indented(plain(mapping), "")
+
+
+def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line of names and a line of values for each row; missing values are empty."""
+    lines = io.StringIO(newline="")
+    writer = csv.writer(lines, lineterminator="\n")
+    flat = flat_rows(rows)
+    writer.writerows([flat[0].keys(), *(row.values() for row in flat)])
+    return lines.getvalue()
+
+
+def rows_to_json(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A list with one line per row."""
+    return "[\n" + ",\n".join("  " + _dumped(row) for row in flat_rows(rows)) + "\n]"
+
+
+def flat_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of one table; raises if a value is no number, text or None, or if rows differ in names."""
+    flat: list[dict[str, Any]] = [plain(row) for row in rows]
+    for row in flat:
+        if row.keys() != flat[0].keys():
+            raise ValueError(f"rows of a table must have the same names, got {list(row)}")
+        for name, value in row.items():
+            if isinstance(value, list | dict):
+                raise TypeError(f"a table must hold numbers and text, {name} is {value!r}")
+    return flat
+
+
+def plain(value: Any) -> Any:
+    """The value in the types of JSON; raises TypeError if there is none."""
+    match value:
+        case np.generic() | np.ndarray():
+            return plain(value.tolist())
+        case Mapping():
+            return {str(name): plain(part) for name, part in value.items()}
+        case list() | tuple():
+            return [plain(part) for part in value]
+        case float() if not math.isfinite(value):
+            return None
+        case str():  # file names may hold bytes that are not text
+            return value.encode("utf-8", "backslashreplace").decode()
+        case int() | float() | None:
+            return value
+    raise TypeError(f"a report must hold numbers, text, and lists of them, got {value!r}")
+
+
+def _indented(value: Any, margin: str) -> str:
+    """One line per name and per text of a list; numbers share a line."""
+    inner = margin + "  "
+    if isinstance(value, dict) and value:
+        lines = [f"{inner}{_dumped(k)}: {_indented(v, inner)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{margin}}}"
+    if isinstance(value, list) and value and all(isinstance(part, str) for part in value):
+        return "[\n" + ",\n".join(inner + _dumped(part) for part in value) + f"\n{margin}]"
+    return _dumped(value)
+
+
+def _dumped(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)

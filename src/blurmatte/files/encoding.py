@@ -14,16 +14,18 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files.icc import Matrix, Profile, ProfileError, parse_profile
-from blurmatte.files.png import PngHeader
-from blurmatte.files.primaries import (
+from blurmatte.files.icc import (
     ADOBE_RGB,
     CICP_PRIMARIES,
     INTEROP_PRIMARIES,
+    Profile,
+    ProfileError,
     matrix_to_srgb,
+    parse_profile,
 )
+from blurmatte.files.png import PngHeader
 from blurmatte.files.raster import CICP, DCF, IS_SRGB, PRIMARIES, Raster
 from blurmatte.formats import EXR
 from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma
@@ -117,7 +119,7 @@ def to_light(numbers: npt.NDArray[Any], encoding: Profile | None) -> Floats:
     return to_srgb_primaries(light, encoding)
 
 
-def from_light(light: Floats, encoding: Profile | None) -> npt.NDArray[np.float64]:
+def from_light(light: Floats, encoding: Profile | None) -> Array:
     """(N, 3) code values 0…1, or floats to store, of linear light; the inverse of `to_light`.
 
     Not clipped. In float64, so that rounding does not change 16-bit code values.
@@ -151,7 +153,7 @@ def png_encoding(raster: Raster, given: Curves | None = None) -> Profile | None:
     return Profile(given or (curve,) * 3, primaries_alone(raster)) if curve else None
 
 
-def primaries_alone(raster: Raster) -> Matrix | None:
+def primaries_alone(raster: Raster) -> Array | None:
     """From the primaries in a PNG's cHRM chunk or in EXIF, which hold no curve, to those of sRGB."""
     stated = raster.png.chromaticities if raster.png else None
     if stated is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
@@ -159,7 +161,7 @@ def primaries_alone(raster: Raster) -> Matrix | None:
     return None if stated is None else _matrix(raster.path, "primaries", stated)
 
 
-def _matrix(path: Path, name: str, chromaticities: Sequence[float]) -> Matrix | None:
+def _matrix(path: Path, name: str, chromaticities: Sequence[float]) -> Array | None:
     try:
         return matrix_to_srgb(chromaticities)
     except ValueError as error:
@@ -201,7 +203,7 @@ def _from_exr(raster: Raster, given: Curves | None) -> Profile | None:
     return Profile(given or (_INTEROP_CURVES[curve],) * 3, named)
 
 
-def _or_eye(matrix: Matrix | None) -> Matrix:
+def _or_eye(matrix: Array | None) -> Array:
     return np.eye(3) if matrix is None else matrix
 
 

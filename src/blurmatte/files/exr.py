@@ -78,7 +78,7 @@ def _with_layers(image: LinearImage, raster: Raster) -> LinearImage:
 
 
 @dataclass
-class _Camera:
+class _CameraHeader:
     camera: str
     white_balance: Annotated[npt.NDArray[Any], numbers(-MAX_GAIN, MAX_GAIN, None)] | None
     to_srgb: Annotated[npt.NDArray[Any], numbers(-MAX_GAIN, MAX_GAIN, 3, 3)]
@@ -87,7 +87,7 @@ class _Camera:
 def _in_camera_colors(path: Path, image: LinearImage, header: str) -> LinearImage:
     """The image in the colors of its camera, to the rounding of the EXR's floats."""
     try:
-        fields: _Camera = parse_json(header, _Camera)
+        fields: _CameraHeader = parse_json(header, _CameraHeader)
         from_srgb = np.linalg.inv(fields.to_srgb).tolist()
     except ValueError as error:
         raise changed_header(path, error) from error

@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, check_kind
+from blurmatte.checks import MAX_PIXELS, Codes8, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
@@ -40,13 +39,12 @@ from blurmatte.files.writing import write
 from blurmatte.formats import EXR, Writes, format_at, is_clip, written
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
+from blurmatte.radiometry.compression import CodingErrors
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
-from blurmatte.radiometry.transform_coding import CodingErrors
 
 Frame = TypeVar("Frame", LinearImage, Layer)
-Codes = npt.NDArray[np.uint8]
-Thing = Layer | LinearImage | Codes
+Thing = Layer | LinearImage | Codes8
 
 _decode_pictures = partial(decode_frames, coding_errors=coding_errors)
 
@@ -266,7 +264,7 @@ def read_layers(
 
 def write_frames(
     path: str | Path,
-    things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes],
+    things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes8],
     rate: float | None = None,
     start: int | Sequence[int] = 1,
 ) -> list[Path]:
@@ -347,12 +345,14 @@ def _frames(
         return Frames(numbers, clip.size, rate, partial(decode, clip), clip)
     warned: list[Warning | str] = []
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
-    load = _Pictures(tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned)
+    load = _PictureReader(
+        tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned
+    )
     return Frames(range(len(paths)), size, None, load, picture_numbers=picture_numbers(paths))
 
 
 @dataclass(frozen=True)
-class _Pictures(Generic[Frame]):
+class _PictureReader(Generic[Frame]):
     """Reads the pictures of a sequence; other processes can, too."""
 
     paths: tuple[Path, ...]

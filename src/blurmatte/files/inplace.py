@@ -18,9 +18,9 @@ from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
 from blurmatte.files.errors import format_of
-from blurmatte.files.further_pictures import further_pictures
 from blurmatte.files.metadata import (
     current_segments,
+    further_pictures,
     raster_colors,
     save_new_jpeg,
     save_png,

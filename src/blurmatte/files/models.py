@@ -6,11 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-import numpy.typing as npt
 from pydantic import AfterValidator, Json
 
-from blurmatte.checks import MAX_LIGHT, MAX_PX
+from blurmatte.checks import MAX_LIGHT, MAX_PX, Array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.documents import (
@@ -26,8 +24,6 @@ from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
 MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, Bools, Direction
+from blurmatte.checks import MAX_PIXELS, Bools, Codes8, Direction, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import (
     check_format,
@@ -111,7 +111,7 @@ class Raster:
         return self.channels("YYY" if self.gray else "RGB")
 
     @property
-    def alpha(self) -> npt.NDArray[np.float32] | None:
+    def alpha(self) -> Floats32 | None:
         """(H, W) 0…1, or None if there is no such channel."""
         if "A" not in self.names:
             return None
@@ -464,7 +464,7 @@ def _write_strips(
     return True
 
 
-def save_jpeg(path: Path, codes: npt.NDArray[np.uint8], exposure_time: float | None = None) -> None:
+def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> None:
     """Write (H, W, 3) sRGB code values at quality 95 without chroma subsampling.
 
     Pillow writes it: on a full disk OpenImageIO's JPEG library terminates the process.

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, Bools, Floats
+from blurmatte.checks import MAX_PIXELS, Array, Bools, Floats
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_size
 from blurmatte.files.exif import TiffTag
@@ -322,7 +322,7 @@ def _directories(path: Path) -> list[Tags]:
     return found
 
 
-def _numbers(directories: Sequence[Tags], tag: int) -> npt.NDArray[np.float64]:
+def _numbers(directories: Sequence[Tags], tag: int) -> Array:
     """(n,) numbers of a tag; empty if it is missing or damaged."""
     try:
         return np.ravel(np.array(_first(directories, tag) or (), dtype=float))

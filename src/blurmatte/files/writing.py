@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import Floats
+from blurmatte.checks import Codes8, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.atomic import extension_of, moved_together, replacing
@@ -19,8 +19,8 @@ from blurmatte.files.calibration import (
     noise_to_mapping,
     transfer_to_mapping,
 )
+from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.exr import exr_parts
-from blurmatte.files.json_text import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.lenses import intrinsics_to_mapping
 from blurmatte.files.models import model_to_json
 from blurmatte.files.raster import save_jpeg, save_pixels
@@ -28,10 +28,10 @@ from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
-from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import SRGB, Transfer
+from blurmatte.trajectory import PointSpread
 
 _Writer = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
@@ -56,7 +56,7 @@ def write(
     | Sequence[Mapping[str, Any]]
     | str
     | Floats
-    | npt.NDArray[np.uint8],
+    | Codes8,
 ) -> None:
     """Write to a file in the format of its extension.
 

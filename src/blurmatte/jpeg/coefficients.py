@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Ints32
+
 # (64,) row-major index of each coefficient in zigzag order [T.81 figure A.6].
 ZIGZAG = np.array(
     sorted(
@@ -68,9 +70,7 @@ def mcu_size(components: tuple[Component, ...]) -> tuple[int, int]:
     return 8 * max(c.across for c in components), 8 * max(c.down for c in components)
 
 
-def block_numbers(
-    size: tuple[int, int], components: tuple[Component, ...]
-) -> list[npt.NDArray[np.int32]]:
+def block_numbers(size: tuple[int, int], components: tuple[Component, ...]) -> list[Ints32]:
     """(rows, columns) block indices of each component, padded to full MCUs."""
     mcu = mcu_size(components)
     columns, rows = (-(-pixels // length) for pixels, length in zip(size, mcu, strict=True))
@@ -87,7 +87,7 @@ def scan_order(
     size: tuple[int, int],
     components: tuple[Component, ...],
     chosen: tuple[int, ...] | range,
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
+) -> tuple[Ints32, npt.NDArray[np.int64]]:
     """(units, n) block indices of each coded unit of a scan, and (n,) the component of each block.
 
     A scan of one component is coded block by block and stops at the picture's edge [T.81 A.2].

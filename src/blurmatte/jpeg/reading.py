@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.jpeg import entropy
 from blurmatte.jpeg.coefficients import ZIGZAG, Jpeg, JpegError, block_numbers, scan_order
 from blurmatte.jpeg.segments import Marker, Scan, Segments, is_rgb
 from blurmatte.radiometry.compression import Compression
@@ -76,8 +77,6 @@ def _upright(stored: Compression, size: tuple[int, int], orientation: int) -> Co
 
 def _decode(segments: Segments, scan: Scan, out: npt.NDArray[np.int16]) -> int:
     """Decode a scan into the blocks `out`; return the offset of the next marker."""
-    from blurmatte.jpeg import entropy
-
     order, slots = scan_order(segments.size, segments.components, scan.components)
     interval = scan.interval or len(order)
     data = np.frombuffer(segments.data, np.uint8)

@@ -1,15 +1,29 @@
-"""Coefficients to a sequential JPEG with one scan and optimal Huffman codes [ITU-T T.81, K.2]."""
+"""Coefficients to a sequential JPEG with one scan and optimal Huffman codes [ITU-T T.81, K.2].
 
+Blocks can be replaced by newly compressed pixels; all other blocks keep their coefficients.
+"""
+
+import io
 import struct
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.jpeg.coefficients import MAX_CODE_BITS, Jpeg, JpegError, scan_order
-from blurmatte.jpeg.segments import Marker
+from blurmatte.checks import Bools, Codes8
+from blurmatte.jpeg.coefficients import MAX_CODE_BITS, ZIGZAG, Jpeg, JpegError, scan_order
+from blurmatte.jpeg.entropy import pack, tokenize
+from blurmatte.jpeg.reading import read_jpeg
+from blurmatte.jpeg.segments import Marker, is_rgb
 
-Codes = npt.NDArray[np.uint32]
-Lengths = npt.NDArray[np.uint8]
+HuffmanCodes = npt.NDArray[np.uint32]
+# Sampling factors of all components to Pillow's `subsampling`.
+_PILLOW_SUBSAMPLING = {
+    ((1, 1),): 0,
+    ((1, 1),) * 3: 0,
+    ((2, 1), (1, 1), (1, 1)): 1,
+    ((2, 2), (1, 1), (1, 1)): 2,
+}
 
 
 def jpeg_bytes(jpeg: Jpeg) -> bytes:
@@ -17,8 +31,6 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
 
     Raises JpegError if the coefficients or the chroma sampling do not fit a sequential JPEG.
     """
-    from blurmatte.jpeg.entropy import pack, tokenize
-
     if sum(c.across * c.down for c in jpeg.components) > 10:  # blocks per MCU [T.81 B.2.3]
         raise JpegError("the sampling factors of the JPEG are too large for one scan")
     order, slots = scan_order(jpeg.size, jpeg.components, range(len(jpeg.components)))
@@ -47,7 +59,7 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
     )
 
 
-def _huffman_tables(counts: npt.NDArray[np.int64]) -> tuple[Codes, Lengths, bytes]:
+def _huffman_tables(counts: npt.NDArray[np.int64]) -> tuple[HuffmanCodes, Codes8, bytes]:
     """(4, 256) code and length of every symbol, and the body of the DHT segment."""
     codes, lengths = np.zeros((4, 256), np.uint32), np.zeros((4, 256), np.uint8)
     body = b""
@@ -91,7 +103,7 @@ def _scan_segment(jpeg: Jpeg) -> bytes:
     return _segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
 
 
-def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, Codes, Lengths]:
+def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, HuffmanCodes, Codes8]:
     """Optimal codes of at most 16 bits for symbols with the given frequencies.
 
     At least one of the frequencies (256,) is positive. Returns the symbols in the order of their
@@ -111,7 +123,7 @@ def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, Codes, Lengths]
     return bytes(symbols), codes, lengths
 
 
-def table_bytes(name: int, symbols: bytes, lengths: Lengths) -> bytes:
+def table_bytes(name: int, symbols: bytes, lengths: Codes8) -> bytes:
     """A table as stored in a DHT segment: identifier, number of codes per length, symbols."""
     per_length = np.bincount(lengths[list(symbols)], minlength=MAX_CODE_BITS + 1)
     return bytes([name, *per_length[1:].tolist()]) + symbols
@@ -148,3 +160,61 @@ def _limited_lengths(per_length: npt.NDArray[np.int64]) -> list[int]:
     longest = max(length for length in range(1, MAX_CODE_BITS + 1) if bits[length])
     bits[longest] -= 1
     return bits[: MAX_CODE_BITS + 1]
+
+
+def replace_blocks(jpeg: Jpeg, codes: Codes8, changed: Bools) -> Jpeg:
+    """Compress the MCUs that contain a changed pixel; all others keep their coefficients.
+
+    codes (H, W, 3) or (H, W) uint8: the whole picture as stored (not rotated), R'G'B' or gray like
+        `jpeg`. Unchanged pixels of an MCU with a changed pixel are compressed as well.
+    changed (H, W).
+
+    Raises JpegError if Pillow cannot compress with the sampling or the tables of `jpeg`.
+    """
+    if not changed.any():
+        return jpeg
+    if jpeg.sampling not in _PILLOW_SUBSAMPLING or is_rgb(jpeg.metadata, jpeg.components):
+        raise JpegError("the chroma sampling of the JPEG is not supported")
+    affected = _affected_mcus(jpeg, changed)
+    rows, columns = np.flatnonzero(affected.any(axis=1)), np.flatnonzero(affected.any(axis=0))
+    top, left, bottom, right = (
+        int(n) for n in (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1)
+    )
+    width, height = jpeg.mcu
+    new = _compress(jpeg, codes[top * height : bottom * height, left * width : right * width])
+    result = replace(jpeg, coefficients=jpeg.coefficients.copy())
+    for index, c in enumerate(jpeg.components):
+        mask = affected[top:bottom, left:right].repeat(c.down, axis=0).repeat(c.across, axis=1)
+        target = result.blocks(index)[c.down * top :, c.across * left :]
+        target[: mask.shape[0], : mask.shape[1]][mask] = new.blocks(index)[mask]
+    return result
+
+
+def _affected_mcus(jpeg: Jpeg, changed: Bools) -> Bools:
+    """(rows, columns) of MCUs: True where one contains a changed pixel."""
+    width, height = jpeg.mcu
+    rows, columns = changed.shape
+    full = np.pad(changed, ((0, -rows % height), (0, -columns % width)))
+    cut = full.reshape(-(-rows // height), height, -(-columns // width), width)
+    return np.asarray(cut.any(axis=(1, 3)))
+
+
+def _compress(jpeg: Jpeg, codes: Codes8) -> Jpeg:
+    """Compress pixels by Pillow with the tables and the sampling of a JPEG."""
+    from PIL import Image
+
+    natural = [np.zeros(64, int) for _ in jpeg.components]
+    for table, zigzag in zip(natural, jpeg.quantization, strict=True):
+        table[ZIGZAG] = zigzag
+    file = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(codes)).save(
+        file,
+        "JPEG",
+        qtables=[table.tolist() for table in natural],
+        subsampling=_PILLOW_SUBSAMPLING[jpeg.sampling],
+    )
+    new = read_jpeg(file.getvalue())
+    same = all(map(np.array_equal, new.quantization, jpeg.quantization))
+    if not same or new.sampling != jpeg.sampling:
+        raise JpegError("the quantization tables of the JPEG are not supported")
+    return new

@@ -1,24 +1,26 @@
 """Case: pictures, streak, colors and hypotheses of one solve, and the fits of single pixels.
 
 Except for `Pixelwise`, only a box around the streak is solved. Outside it alpha is 0 and OUTSIDE.
+
+A streak's mask grows by hysteresis, and has a margin for pixels below the threshold.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background import Match
-from blurmatte.checks import Bools, Box, check_map
+from blurmatte.checks import Bools, Box, Codes8, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import solve_clipped
+from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import PixelMaps, Quality
-from blurmatte.matting.mask_growth import grown_mask
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
+from blurmatte.matting.noise_inflation import noise_inflation
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.smooth import Smooth, SmoothSummary
@@ -32,6 +34,11 @@ from blurmatte.sweep.sweep import Sweep
 Solver = Pixelwise | Smooth | Swept | Shaded
 
 MARGIN_PX = 16  # around a streak, of pixels where nothing moved
+# Settings of the growth.
+_MARGIN_PX = 4.0  # added after growth; also to the reach of growth, half the width
+_RELATIVE_MARGIN = 0.15  # half widths of the streak, added after growth
+_RELATIVE_WINDOW = 0.05  # half widths: Gaussian over which evidence is averaged
+_MIN_STDS = 4.0  # by which the averaged alpha must exceed 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +147,7 @@ class Case:
         inpaint_light(maps.within(box), C, B)
         return found
 
-    def _flags(self) -> npt.NDArray[np.uint8]:
+    def _flags(self) -> Codes8:
         """(H, W) quality that does not depend on the solver."""
         hidden = self.pictures.hidden
         saturated = ~(self.image.valid & self.plate.valid) & ~hidden
@@ -166,9 +173,7 @@ def rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:
     return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
 
 
-def _in_picture(
-    near: PixelMaps, box: Box, flags: npt.NDArray[np.uint8], out: PixelMaps | None
-) -> PixelMaps:
+def _in_picture(near: PixelMaps, box: Box, flags: Codes8, out: PixelMaps | None) -> PixelMaps:
     """Maps of a picture from those of a box, 0 elsewhere."""
     height, width = flags.shape
     maps = PixelMaps.zeros(height, width, near.alpha.dtype) if out is None else out
@@ -190,3 +195,35 @@ def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) ->
     if isinstance(noise, NoiseModel):  # a model needs less memory than a variance for each pixel
         return picture.with_noise(NoiseModel.from_coefficients(factor * noise.coefficients))
     return picture.with_noise(factor * picture.variance)
+
+
+def grown_mask(streak: Streak, image: LinearImage, plate: LinearImage, model: ColorModel) -> Streak:
+    """The streak with connected pixels in which the object's colors are significant, and a margin.
+
+    Rims fainter than noise, or over a plate of nearly the object's color, are not part of a detected
+    streak. Growth is limited to half the streak's width.
+    """
+    from scipy.ndimage import binary_propagation, distance_transform_edt, gaussian_filter
+
+    y, x = streak.rows_columns
+    half_width = float(distance_transform_edt(np.pad(streak.mask[y, x], 1)).max())
+    reach = _MARGIN_PX + half_width
+    box = streak.around(int(reach) + 1)
+    place = slice(box[1], box[3]), slice(box[0], box[2])
+    inside = streak.mask[place]
+    distance = np.asarray(distance_transform_edt(~inside))
+    near = distance <= reach
+    if model.rank < 3:
+        nothing = np.zeros(near.shape)
+        pixels = pixels_of(image.crop(box), plate.crop(box), model, near)
+        evidence = evidence_of(pixels, nothing)
+        inflation = noise_inflation(pixels, nothing)
+        window = max(_RELATIVE_WINDOW * half_width, 1.0)
+        information, pull = (gaussian_filter(e, window) for e in evidence)
+        averaged = 4 * np.pi * window**2 / inflation  # effective number of independent pixels
+        significant = pull * np.sqrt(averaged) > _MIN_STDS * np.sqrt(information + 1e-9)
+        inside = binary_propagation(inside, mask=inside | (near & significant))
+        distance = np.asarray(distance_transform_edt(~inside))
+    mask = np.zeros(streak.mask.shape, bool)
+    mask[place] = distance <= _MARGIN_PX + _RELATIVE_MARGIN * half_width
+    return replace(streak, mask=mask)

@@ -14,9 +14,8 @@ A plane of colors has no equation left. For a line, none remains to test the fit
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.radiometry import LinearImage
@@ -44,7 +43,7 @@ def solve_clipped(
     unclipped = (image.usable & plate.usable)[y, x]
     pair = np.nonzero(unclipped)[1].reshape(-1, 2)  # the channels i, j of each pixel
 
-    def two(values: Floats) -> npt.NDArray[np.float64]:
+    def two(values: Floats) -> Array:
         """(n, 2) values of the channels that are not clipped."""
         return np.take_along_axis(values[y, x].astype(float), pair, axis=1)
 

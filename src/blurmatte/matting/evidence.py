@@ -19,7 +19,7 @@ from blurmatte.statistics import BLOCK_SIZES, MEDIAN_1
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class PixelPairs:
     """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`."""
 
     image: LinearImage  #: with a noise variance of each value, from the smoothed light
@@ -46,13 +46,13 @@ class Pixels:
 class FirstEstimate:
     """An estimate of alpha without a prior on the light of neighbors."""
 
-    pixels: Pixels
+    pixels: PixelPairs
     alpha: Floats  #: (h, w)
     variance: Floats  #: (h, w) of alpha
     noise_factor: float  #: factor of the noise variance, for correlated noise
 
 
-def without_fine_structure(pixels: Pixels) -> Pixels:
+def without_fine_structure(pixels: PixelPairs) -> PixelPairs:
     """Pixels whose evidence ignores the plate's fine structure.
 
     Compression removes more of faint, fine structure where the object covers it than in the plate. By
@@ -70,7 +70,7 @@ def pixels_of(
     model: ColorModel,
     inside: Bools,
     mixed: MixedPlate | None = None,
-) -> Pixels:
+) -> PixelPairs:
     """Light and noise of the pixels, independent of alpha.
 
     image, plate: noise known.
@@ -93,10 +93,10 @@ def pixels_of(
     V_B = np.ascontiguousarray(plate.variance, plate.rgb.dtype)
     plate = plain(plate, V_B)
     wide = plate if mixed is None or not mixed.edges.any() else mixed.with_edge_variance(plate)
-    return Pixels(plain(image, V_C), plate, model, inside, use, mixed, wide)
+    return PixelPairs(plain(image, V_C), plate, model, inside, use, mixed, wide)
 
 
-def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
+def evidence_of(pixels: PixelPairs, alpha: Floats) -> tuple[Floats, Floats]:
     """Information and pull (h, w) of each pixel, both 0 where it is clipped or not inside.
 
     The noise of pixels counts as independent (see `noise_inflation`). For a line or plane of colors
@@ -184,7 +184,7 @@ def _of_texture(
     return sums(max(float(np.mean(excess)), 0.0) if excess else 0.0)
 
 
-def min_alpha(pixels: Pixels, noise_inflation: float) -> Floats:
+def min_alpha(pixels: PixelPairs, noise_inflation: float) -> Floats:
     """Lower bound of alpha, (h, w), since the light of an object is not negative; −∞ without one.
 
     In no channel (1 − α) B can exceed C. The light is averaged with a Gaussian of 2 pixels and C raised

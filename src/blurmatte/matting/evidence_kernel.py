@@ -1,7 +1,7 @@
 """Compiled loops over the information of each pixel on alpha.
 
 In this file C, B, V_C, V_B, N are image, plate, their variances and the normals of the color model as
-in `pixelwise_kernel`, and l is the unit direction of a line of colors. Maps of a color are (h, w, 3).
+in `pixelwise`, and l is the unit direction of a line of colors. Maps of a color are (h, w, 3).
 """
 
 import numpy as np
@@ -121,7 +121,7 @@ def residual(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-def
 
 @njit(fastmath=FAST_MATH)
 def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
-    """Write m·C, m·B, m·V_B m and Var q of each pixel as in `brightness_prior`, (4, h, w)."""
+    """Write m·C, m·B, m·V_B m and Var q of each pixel as in `light_priors`, (4, h, w)."""
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             t, total, c, b, v = 1.0 - alpha[y, x], 0.0, 0.0, 0.0, 0.0

@@ -4,9 +4,8 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Box
+from blurmatte.checks import Array, Box
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative, alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged
@@ -65,18 +64,18 @@ class _Shapeless:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hypotheses:
+class _WeightedHypotheses:
     """Weighted hypotheses: sweeps, the likeliest first, then those without a shape."""
 
     sweeps: list[Sweep]
     shapeless: list[_Shapeless]
     evidence: list[Evidence]
-    weights: npt.NDArray[np.float64]  #: (n,); they sum to 1
+    weights: Array  #: (n,); they sum to 1
     box: Box
     estimates: list[AlphaEstimate]  #: of all, in the box
 
     @classmethod
-    def of(cls, case: Case) -> "_Hypotheses":
+    def of(cls, case: Case) -> "_WeightedHypotheses":
         """Sweeps of a case, and hypotheses without a shape unless it has a solver."""
         assert case.hypotheses is not None
         sweeps = list(case.hypotheses.sweeps)
@@ -142,7 +141,7 @@ def average_hypotheses(
     and by how much its error exceeds the claimed one, 1 or more.
     """
     fitted = case if case.fitted is None else case.fitted.case
-    found = _Hypotheses.of(fitted)
+    found = _WeightedHypotheses.of(fitted)
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     exact = case.is_exact
@@ -151,7 +150,7 @@ def average_hypotheses(
     average = calibrated(average, found.estimates, terms, compressed, exact)
     error, by_opacity = claimed_error(average), found.opacity_error
     average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
-    (grade, alpha_error) = graded(average)
+    grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
     if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
         because = ["duration", *because]
@@ -181,7 +180,7 @@ def average_hypotheses(
 
 
 def _written(
-    found: _Hypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
+    found: _WeightedHypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
 ) -> tuple[ColorModel, Solver, PixelMaps]:
     """Colors and solver of the likeliest hypothesis, and maps with the average and its light."""
     box, best = found.box, found.best
@@ -199,8 +198,8 @@ def _written(
 
 
 def _enlarged(
-    found: _Hypotheses, average: AlphaEstimate, case: Case, size: FittingSize
-) -> tuple[_Hypotheses, AlphaEstimate]:
+    found: _WeightedHypotheses, average: AlphaEstimate, case: Case, size: FittingSize
+) -> tuple[_WeightedHypotheses, AlphaEstimate]:
     """Hypotheses and their average at full size.
 
     To alpha of the average, interpolated, every shape adds the difference of its alpha at full size
@@ -252,7 +251,7 @@ def _estimate(sweep: Sweep, box: Box) -> AlphaEstimate:
 
 
 def _alternatives(
-    found: _Hypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
+    found: _WeightedHypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
 ) -> list[Alternative]:
     """The listed hypotheses."""
     kinds = [one if isinstance(one, Sweep) else one.model for one in found.all]

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Floats
+from blurmatte.checks import Bools, Box, Codes8, Floats
 
 # Light is stored as float32, so no value is known to better than about 1e-6 of full scale. The bound
 # also keeps weights finite where image and plate have no noise.
@@ -50,7 +50,7 @@ class PixelMaps(NamedTuple):
     alpha_std: Floats
     premultiplied: Floats
     premultiplied_std: Floats
-    quality: npt.NDArray[np.uint8]
+    quality: Codes8
 
     @classmethod
     def empty(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
@@ -84,12 +84,12 @@ class PixelMaps(NamedTuple):
         return PixelMaps._make(values[y0:y1, x0:x1] for values in self)
 
 
-def has_flag(quality: npt.NDArray[np.uint8], flags: Quality) -> Bools:
+def has_flag(quality: Codes8, flags: Quality) -> Bools:
     """(H, W) True where any of the flags is set."""
     return np.asarray((quality & np.uint8(flags)) != 0)
 
 
-def alpha_flags(alpha: Floats, alpha_std: Floats, max_alpha_std: float) -> npt.NDArray[np.uint8]:
+def alpha_flags(alpha: Floats, alpha_std: Floats, max_alpha_std: float) -> Codes8:
     """PLATE_IN_MODEL where alpha is too uncertain, and OUT_OF_RANGE where it is not in [0, 1].
 
     `max_alpha_std` is the largest standard deviation of an alpha that counts as known.

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.matting.evidence import Pixels, evidence_of
+from blurmatte.matting.evidence import PixelPairs, evidence_of
 from blurmatte.matting.evidence_kernel import residual
 from blurmatte.matting.maps import in_strips
 from blurmatte.statistics import (
@@ -23,7 +23,7 @@ from blurmatte.statistics import (
 BLOCK_PX = 8  # width of blocks: the correlation length of noise in compressed files
 
 
-def noise_inflation(pixels: Pixels, alpha: Floats) -> float:
+def noise_inflation(pixels: PixelPairs, alpha: Floats) -> float:
     """Factor by which correlation raises the variance of sums of noise over blocks, 1 or more.
 
     Around the streak it follows from the difference of image and plate. Within the streak, compression
@@ -47,7 +47,7 @@ def noise_inflation(pixels: Pixels, alpha: Floats) -> float:
     return inflation * max(within / around, 1.0)
 
 
-def _around_streak(pixels: Pixels) -> float:
+def _around_streak(pixels: PixelPairs) -> float:
     """Noise inflation from the difference of image and plate."""
     C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
@@ -56,7 +56,7 @@ def _around_streak(pixels: Pixels) -> float:
     return significant_inflation(squares, len(squares))
 
 
-def _within_streak(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
+def _within_streak(pixels: PixelPairs, alpha: Floats, inside: Bools) -> float:
     """Noise inflation from the equation without alpha, for a line of colors.
 
     Differences of neighboring blocks are used: they cancel the residual of a slightly wrong color.

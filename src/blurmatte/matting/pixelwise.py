@@ -1,19 +1,50 @@
-"""Pixelwise: the closed form of each pixel alone, in threads over strips of rows."""
+"""Pixelwise: the closed form of each pixel alone, in threads over strips of rows.
+
+In this file C is the image's light, B the plate's, P the object's premultiplied light, s² the noise
+variance of C − (1 − α)B per channel, S = diag(s²), and N the (3, K) normals of the color model: K = 2
+for a line of colors, 1 for a plane. No color of the object has a part along N, so NᵀP = 0 and
+
+    Nᵀ(B − C) = α NᵀB                                   short: d = α b                  (1)
+
+is a straight-line fit in α with covariance Σ = NᵀSN. With A = bᵀΣ⁻¹b,
+
+    α = bᵀΣ⁻¹d / A          Var α = 1 / A               χ² = dᵀΣ⁻¹d − α² A   (K = 2)
+    P = M (C − (1 − α)B)    M = I − S N Σ⁻¹ Nᵀ          the nearest color of the model
+    Var P = M S Mᵀ + (MB)(MB)ᵀ Var α
+
+A plane has one normal. A second one, zero with variance 1, is added, so that one loop serves lines and
+planes.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_map
+from blurmatte.checks import Codes, Codes8, Floats, check_map
 from blurmatte.color.model import ColorModel
-from blurmatte.matting import pixelwise_kernel as kernel
-from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, in_strips
+from blurmatte.compiling import FAST_MATH, njit
+from blurmatte.matting.maps import (
+    MAX_CHI2,
+    MAX_RANGE_STDS,
+    MIN_VARIANCE,
+    PixelMaps,
+    Quality,
+    in_strips,
+)
 from blurmatte.radiometry import NoiseModel
 
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+# Without "nnan" and "ninf": the error of a pixel without information is infinite and must stay so.
+_FAST_MATH = FAST_MATH | {"afn"}
+
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_INFINITE = np.float32(np.inf)
+_TINY = np.float32(1e-30)  # keeps 0/0 at 0 where the plate is black; far below any A
+
+_PLATE_IN_MODEL, _OUT_OF_RANGE = np.uint8(Quality.PLATE_IN_MODEL), np.uint8(Quality.OUT_OF_RANGE)
+_MISFIT, _UNKNOWN = np.uint8(Quality.MISFIT), np.uint8(Quality.SATURATED | Quality.OCCLUDED)
+_MAX_RANGE_STDS, _MAX_CHI2 = np.float32(MAX_RANGE_STDS), np.float32(MAX_CHI2)
 
 
 @dataclass(frozen=True)
@@ -39,7 +70,7 @@ class Pixelwise:
         model: ColorModel,
         image_noise: NoiseModel | Floats,
         plate_noise: NoiseModel | Floats,
-        flags: npt.NDArray[np.uint8] | None = None,
+        flags: Codes8 | None = None,
         tables: tuple[Floats, Floats] | None = None,
         out: PixelMaps | None = None,
     ) -> PixelMaps:
@@ -87,7 +118,7 @@ class Pixelwise:
         return maps
 
 
-def _unknown(maps: PixelMaps, flags: npt.NDArray[np.uint8] | None) -> PixelMaps:
+def _unknown(maps: PixelMaps, flags: Codes8 | None) -> PixelMaps:
     """Alpha and light 0 with an infinite error."""
     for values, stds in (
         (maps.alpha, maps.alpha_std),
@@ -105,15 +136,15 @@ def _compiled(
     C, B = (np.ascontiguousarray(a).reshape(-1) for a in (image, plate))
     if tables is not None:
         light = tuple(np.asarray(table, dtype) for table in tables)
-        return kernel.solve_codes, ((C, B), light, *(_coefficients(n, dtype) for n in noise))
+        return solve_codes, ((C, B), light, *(_coefficients(n, dtype) for n in noise))
     C, B = (a.astype(dtype, copy=False) for a in (C, B))
     if all(isinstance(n, NoiseModel) for n in noise):
-        return kernel.solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))
+        return solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))
     variances = (
         (n.variance(light) if isinstance(n, NoiseModel) else n) + MIN_VARIANCE
         for n, light in zip(noise, (image, plate), strict=True)
     )
-    return kernel.solve_light_with_variances, (
+    return solve_light_with_variances, (
         C, B, *(np.ascontiguousarray(v, dtype).reshape(-1) for v in variances),
     )  # fmt: skip
 
@@ -132,3 +163,132 @@ def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any
     coefficients = noise.coefficients.copy()
     coefficients[:, 0] += MIN_VARIANCE
     return tuple(dtype.type(x) for x in coefficients.ravel())
+
+
+@njit(inline="always", fastmath=_FAST_MATH)
+def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
+    x = max(light, _ZERO)
+    return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
+
+
+@njit(inline="always", fastmath=_FAST_MATH)
+def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
+    """(α, Var α, χ², P, Var P) of one pixel; C, B, vC, vB are triples, N two normals and the pad."""
+    n00, n01, n02, n10, n11, n12, pad = N
+    b1 = n00 * B[0] + n01 * B[1] + n02 * B[2]
+    b2 = n10 * B[0] + n11 * B[1] + n12 * B[2]
+    e0, e1, e2 = B[0] - C[0], B[1] - C[1], B[2] - C[2]
+    d1 = n00 * e0 + n01 * e1 + n02 * e2
+    d2 = n10 * e0 + n11 * e1 + n12 * e2
+
+    # The plate's noise counts by 1 − α. An unweighted fit of α is accurate enough for a weight.
+    plain = (b1 * d1 + b2 * d2) / (b1 * b1 + b2 * b2 + _TINY)
+    through = _ONE - min(max(plain, _ZERO), _ONE)
+    s0 = vC[0] + through * through * vB[0]
+    s1 = vC[1] + through * through * vB[1]
+    s2 = vC[2] + through * through * vB[2]
+
+    S11 = n00 * n00 * s0 + n01 * n01 * s1 + n02 * n02 * s2
+    S12 = n00 * n10 * s0 + n01 * n11 * s1 + n02 * n12 * s2
+    S22 = n10 * n10 * s0 + n11 * n11 * s1 + n12 * n12 * s2 + pad
+    det = S11 * S22 - S12 * S12
+    w1, w2 = S22 * b1 - S12 * b2, S11 * b2 - S12 * b1  # det · Σ⁻¹b
+    A = w1 * b1 + w2 * b2 + _TINY  # det · A
+    alpha = (w1 * d1 + w2 * d2) / A
+    variance = det / A
+    crossed = d1 * b2 - d2 * b1
+    chi2 = crossed * crossed / A
+
+    inverse = _ONE / det
+    r1, r2 = alpha * b1 - d1, alpha * b2 - d2  # Nᵀ(C − (1 − α)B): residual across the model
+    g1, g2 = (S22 * r1 - S12 * r2) * inverse, (S11 * r2 - S12 * r1) * inverse
+    f1, f2 = w1 * inverse, w2 * inverse
+    t = _ONE - alpha
+    P0 = C[0] - t * B[0] - s0 * (n00 * g1 + n10 * g2)
+    P1 = C[1] - t * B[1] - s1 * (n01 * g1 + n11 * g2)
+    P2 = C[2] - t * B[2] - s2 * (n02 * g1 + n12 * g2)
+    m0 = B[0] - s0 * (n00 * f1 + n10 * f2)
+    m1 = B[1] - s1 * (n01 * f1 + n11 * f2)
+    m2 = B[2] - s2 * (n02 * f1 + n12 * f2)
+    q0 = S22 * n00 * n00 - _TWO * S12 * n00 * n10 + S11 * n10 * n10
+    q1 = S22 * n01 * n01 - _TWO * S12 * n01 * n11 + S11 * n11 * n11
+    q2 = S22 * n02 * n02 - _TWO * S12 * n02 * n12 + S11 * n12 * n12
+    v0 = max(s0 - s0 * s0 * q0 * inverse, _ZERO) + m0 * m0 * variance
+    v1 = max(s1 - s1 * s1 * q1 * inverse, _ZERO) + m1 * m1 * variance
+    v2 = max(s2 - s2 * s2 * q2 * inverse, _ZERO) + m2 * m2 * variance
+    return alpha, variance, chi2, P0, P1, P2, v0, v1, v2
+
+
+@njit(inline="always", fastmath=_FAST_MATH)
+def _store(i, answer, max_std, maps):  # type: ignore[no-untyped-def]
+    alpha, alpha_std, P, P_std, quality = maps
+    a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
+    std = np.sqrt(variance)
+    lost = _ZERO if quality[i] & _UNKNOWN == 0 else _INFINITE
+    alpha[i], alpha_std[i] = a, std + lost
+    P[3 * i], P[3 * i + 1], P[3 * i + 2] = P0, P1, P2
+    P_std[3 * i] = np.sqrt(v0) + lost
+    P_std[3 * i + 1] = np.sqrt(v1) + lost
+    P_std[3 * i + 2] = np.sqrt(v2) + lost
+    reach = _MAX_RANGE_STDS * std
+    quality[i] |= (
+        (std > max_std) * _PLATE_IN_MODEL
+        | ((a < -reach) | (a > _ONE + reach)) * _OUT_OF_RANGE
+        | (chi2 > _MAX_CHI2) * _MISFIT
+    )
+
+
+@njit(fastmath=_FAST_MATH)
+def solve_light(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
+    """Solve pixels given as light and write maps: alpha, alpha_std, P, P_std and quality.
+
+    All arrays are flat, with three values a pixel in C, B, P, P_std.
+
+    vC and vB are nine numbers, the coefficients of 1, light, light² of each channel. They are tuples:
+    an array might alias an output, which would keep the compiler from vectorizing the loop.
+    """
+    for i in range(maps[0].shape[0]):
+        c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
+        b = (B[3 * i], B[3 * i + 1], B[3 * i + 2])
+        v = (_variance(c[0], vC, 0), _variance(c[1], vC, 1), _variance(c[2], vC, 2))
+        w = (_variance(b[0], vB, 0), _variance(b[1], vB, 1), _variance(b[2], vB, 2))
+        answer = _solve_pixel(c, b, v, w, N)
+        _store(i, answer, max_std, maps)
+
+
+@njit(fastmath=_FAST_MATH)
+def solve_light_with_variances(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
+    """As `solve_light`, but vC and vB are flat arrays with a variance for each value of C and B."""
+    for i in range(maps[0].shape[0]):
+        c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
+        b = (B[3 * i], B[3 * i + 1], B[3 * i + 2])
+        v = (vC[3 * i], vC[3 * i + 1], vC[3 * i + 2])
+        w = (vB[3 * i], vB[3 * i + 1], vB[3 * i + 2])
+        answer = _solve_pixel(c, b, v, w, N)
+        _store(i, answer, max_std, maps)
+
+
+@njit(inline="always", fastmath=_FAST_MATH)
+def _look_up(codes, table, light):  # type: ignore[no-untyped-def]
+    for i in range(codes.shape[0]):
+        light[i] = table[codes[i]]
+
+
+@njit(fastmath=_FAST_MATH)
+def solve_codes(codes, tables, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
+    """As `solve_light`, but for code values of image and plate, decoded by the tables of both.
+
+    They are decoded in blocks of 1024 pixels, which fit the cache.
+    A table look-up inside the loop over pixels would keep the compiler from vectorizing it.
+    """
+    (C, B), (table_C, table_B) = codes, tables
+    alpha, alpha_std, P, P_std, quality = maps
+    step = 1024
+    light_C, light_B = np.empty(3 * step, table_C.dtype), np.empty(3 * step, table_B.dtype)
+    for i in range(0, alpha.shape[0], step):
+        j = min(i + step, alpha.shape[0])
+        c, b = light_C[: 3 * (j - i)], light_B[: 3 * (j - i)]
+        _look_up(C[3 * i : 3 * j], table_C, c)
+        _look_up(B[3 * i : 3 * j], table_B, b)
+        light = P[3 * i : 3 * j], P_std[3 * i : 3 * j]
+        solve_light(c, b, vC, vB, N, max_std, (alpha[i:j], alpha_std[i:j], *light, quality[i:j]))

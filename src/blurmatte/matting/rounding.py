@@ -10,10 +10,9 @@ structure, which has many codes, the errors average out.
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Floats
-from blurmatte.matting.evidence import Pixels
+from blurmatte.checks import Array, Floats, Ints32
+from blurmatte.matting.evidence import PixelPairs
 from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence
@@ -21,7 +20,7 @@ from blurmatte.radiometry import YCBCR, LinearImage, Transfer
 
 
 def rounding_pulls(
-    pixels: Pixels, alpha: Floats, levels: Sequence[CellEvidence], samples: int = 16
+    pixels: PixelPairs, alpha: Floats, levels: Sequence[CellEvidence], samples: int = 16
 ) -> list[Array]:
     """Errors of the pull of each cell of the last level, one map for each sample.
 
@@ -52,9 +51,7 @@ def rounding_pulls(
     return list(pulls)
 
 
-def _codes(
-    picture: LinearImage, levels: int, transfer: Transfer
-) -> tuple[npt.NDArray[np.int32], Floats]:
+def _codes(picture: LinearImage, levels: int, transfer: Transfer) -> tuple[Ints32, Floats]:
     """(h, w, 3) codes of luma and chroma, 0 or more, and the light per code of each channel."""
     kind, steps = picture.rgb.dtype, levels - 1
     of_code = (transfer.slope(transfer.table(levels)) / steps).astype(kind)

@@ -17,23 +17,21 @@ import numpy as np
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.brightness_prior import with_brightness
 from blurmatte.matting.evidence import (
     FirstEstimate,
-    Pixels,
+    PixelPairs,
     evidence_of,
     min_alpha,
     pixels_of,
     without_fine_structure,
 )
+from blurmatte.matting.light_priors import with_brightness, with_mixture
 from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.matting.mixed_plate import MixedPlate
-from blurmatte.matting.mixture_prior import with_mixture
 from blurmatte.matting.noise_inflation import BLOCK_PX, noise_inflation
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.rounding import rounding_pulls
-from blurmatte.matting.smooth_error import simulated_variance
 from blurmatte.matting.smooth_field import (
     MIN_ALPHA,
     Field,
@@ -41,6 +39,7 @@ from blurmatte.matting.smooth_field import (
     field_changes,
     finer_field,
     fit_field,
+    simulated_variance,
     sum_variance,
 )
 from blurmatte.radiometry import LinearImage
@@ -69,10 +68,10 @@ _TEXTURE_NOISE_POWER = 0.7  # exponent of the noise inflation for a model of ran
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _SmoothAlpha:
     """Alpha of all pixels, with the steps of the fit; maps are (h, w)."""
 
-    pixels: Pixels
+    pixels: PixelPairs
     near: Floats  #: a first alpha, smoothed
     inflation: float  #: of noise by correlation
     noise_factor: float  #: by which the noise variance was raised for it
@@ -180,7 +179,12 @@ class Smooth:
         return float(np.sqrt(of_sum)), summary
 
     def _write(
-        self, maps: PixelMaps, alpha: Floats, alpha_std: Floats, pixels: Pixels, image: LinearImage
+        self,
+        maps: PixelMaps,
+        alpha: Floats,
+        alpha_std: Floats,
+        pixels: PixelPairs,
+        image: LinearImage,
     ) -> None:
         """Write alpha, light and quality inside the streak."""
         inside = pixels.inside
@@ -193,7 +197,7 @@ class Smooth:
         flags = maps.quality & kept | alpha_flags(alpha, alpha_std, self.max_alpha_std)
         maps.quality[inside] = flags[inside]
 
-    def _fit(self, pixels: Pixels) -> _Fit:
+    def _fit(self, pixels: PixelPairs) -> _SmoothAlpha:
         """Fit alpha, from a first estimate to the finest level."""
         near = _smoothed_alpha(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         inflation, rank = noise_inflation(pixels, near), pixels.model.rank
@@ -217,9 +221,11 @@ class Smooth:
         levels = renewed.levels(_MAX_COARSE_CELLS)
         samples = _FINAL_SAMPLES
         prior, field = self._refined(levels, prior, field, finest, rank, samples)
-        return _Fit(pixels, near, inflation, noise_factor, levels, coarse, prior, field, shared)
+        return _SmoothAlpha(
+            pixels, near, inflation, noise_factor, levels, coarse, prior, field, shared
+        )
 
-    def _with_error(self, fit: _Fit) -> tuple[Floats, float]:
+    def _with_error(self, fit: _SmoothAlpha) -> tuple[Floats, float]:
         """The variance of each pixel's alpha, with a border, and that of their sum."""
         levels, inflation, noise_factor = fit.levels, fit.inflation, fit.noise_factor
         field, cells = fit.field, 4 ** (len(levels) - 1)
@@ -342,7 +348,7 @@ def _in_pixels(values: Floats, levels: Sequence[CellEvidence]) -> Floats:
     return _inner(values)
 
 
-def _before_file(pixels: Pixels, file: Compressed, field: Field) -> Pixels:
+def _before_file(pixels: PixelPairs, file: Compressed, field: Field) -> PixelPairs:
     """Pixels of the image before chroma subsampling, given alpha."""
     alpha = np.asarray(np.clip(_inner(field.x), 0, 1), float)
     own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.std)
@@ -350,7 +356,7 @@ def _before_file(pixels: Pixels, file: Compressed, field: Field) -> Pixels:
     return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
 
 
-def _of_rounding(fit: _Fit) -> tuple[Floats, float]:
+def _of_rounding(fit: _SmoothAlpha) -> tuple[Floats, float]:
     """Variance of each pixel's alpha and of their sum, from rounding errors that neighbors share."""
     levels = fit.levels
     pulls = rounding_pulls(fit.pixels, np.clip(fit.near, 0, 1), levels)
@@ -372,7 +378,7 @@ def _fine_structure(x: Floats) -> Floats:
 
 
 def _with_neighbors(
-    pixels: Pixels, alpha: Floats, variance: Floats, noise_factor: float, lower: Floats
+    pixels: PixelPairs, alpha: Floats, variance: Floats, noise_factor: float, lower: Floats
 ) -> tuple[CellEvidence, Floats]:
     """Evidence given an alpha and its variance, with the prior on light; and the shared variance."""
     near = np.clip(alpha, 0, 1)

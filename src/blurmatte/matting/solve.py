@@ -20,8 +20,7 @@ from blurmatte.matting.hypotheses import average_hypotheses
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
-from blurmatte.matting.shaded import Shaded
-from blurmatte.matting.shadow import mark_shadow
+from blurmatte.matting.shaded import Shaded, mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, noise_of

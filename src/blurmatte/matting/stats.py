@@ -93,9 +93,8 @@ class MatchSummary:
     @classmethod
     def of(cls, match: Match, agreement: float, edge_agreement: float) -> MatchSummary:
         """Of a match, and the agreement that it reaches."""
-        (gain_std, offset) = (
-            (float(r), float(g), float(b)) for r, g, b in (match.light_std[0], match.light[1])
-        )
+        rows = match.light_std[0], match.light[1]
+        gain_std, offset = ((float(r), float(g), float(b)) for r, g, b in rows)
         return cls(
             in_words=match.in_words,
             shift=match.shift,

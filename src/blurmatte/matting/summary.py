@@ -3,8 +3,8 @@
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage
@@ -49,7 +49,7 @@ def streak_sums(
     )
 
 
-def mean_light(maps: PixelMaps) -> npt.NDArray[np.float64] | None:
+def mean_light(maps: PixelMaps) -> Array | None:
     """(3,) light of the object over its alpha, both summed as in `Solution.layer`.
 
     None if that alpha sums to nothing.
@@ -76,7 +76,7 @@ def _scale_std(
     y, x = streak.rows_columns
     C, B = (np.asarray(p.rgb[y, x][inside], float) for p in (image, plate))
 
-    def total(pole: npt.NDArray[np.float64]) -> float:
+    def total(pole: Array) -> float:
         """Sum of alpha for a pole of the color model."""
         normals = perpendicular(pole) if model.rank == 1 else pole[:, None]
         b, d = B @ normals, (B - C) @ normals

@@ -15,6 +15,6 @@ from blurmatte.metrics.color import ColorDistance as ColorDistance
 from blurmatte.metrics.color import color_distance as color_distance
 from blurmatte.metrics.color import premultiplied_rmse as premultiplied_rmse
 from blurmatte.metrics.color import recomposite_psnr as recomposite_psnr
+from blurmatte.metrics.motion import subframe_psnr as subframe_psnr
+from blurmatte.metrics.motion import subframe_ssim as subframe_ssim
 from blurmatte.metrics.motion import trajectory_iou as trajectory_iou
-from blurmatte.metrics.subframes import subframe_psnr as subframe_psnr
-from blurmatte.metrics.subframes import subframe_ssim as subframe_ssim

@@ -10,6 +10,7 @@ from blurmatte.radiometry.color_space import YCBCR as YCBCR
 from blurmatte.radiometry.color_space import hex_of_light as hex_of_light
 from blurmatte.radiometry.color_space import light_in_srgb as light_in_srgb
 from blurmatte.radiometry.color_space import light_of_hex as light_of_hex
+from blurmatte.radiometry.compression import CodingError as CodingError
 from blurmatte.radiometry.compression import Compression as Compression
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Meta as Meta
@@ -19,8 +20,6 @@ from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import decode as decode
 from blurmatte.radiometry.image import rounding_noise as rounding_noise
 from blurmatte.radiometry.image import smooth_variance as smooth_variance
-from blurmatte.radiometry.named_transfers import named_transfer as named_transfer
-from blurmatte.radiometry.named_transfers import nearest_transfer as nearest_transfer
 from blurmatte.radiometry.noise_model import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise_model import rounding_variance as rounding_variance
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
@@ -28,4 +27,5 @@ from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB
 from blurmatte.radiometry.transfer import Transfer as Transfer
 from blurmatte.radiometry.transfer import gamma as gamma
-from blurmatte.radiometry.transform_coding import CodingError as CodingError
+from blurmatte.radiometry.transfer import named_transfer as named_transfer
+from blurmatte.radiometry.transfer import nearest_transfer as nearest_transfer

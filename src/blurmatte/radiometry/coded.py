@@ -11,9 +11,9 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Box
+from blurmatte.checks import Box, Floats32
+from blurmatte.radiometry.compression import CodingErrors
 from blurmatte.radiometry.image import LinearImage
-from blurmatte.radiometry.transform_coding import CodingErrors
 
 Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
 
@@ -32,7 +32,7 @@ class RgbCodes:
     """
 
     codes: npt.NDArray[np.unsignedinteger]
-    table: npt.NDArray[np.float32]
+    table: Floats32
     white: int
 
 

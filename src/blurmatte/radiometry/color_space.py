@@ -3,9 +3,8 @@
 import re
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.radiometry.transfer import SRGB
 
 Matrix3 = tuple[tuple[float, ...], ...]
@@ -14,7 +13,7 @@ LUMA_WEIGHTS = 0.299, 0.587, 0.114  # of R', G', B': ITU-R BT.601, as in JPEG fi
 LUMA_WEIGHTS_709 = 0.2126, 0.7152, 0.0722  # the same: ITU-R BT.709
 
 
-def ycbcr_matrix(luma_weights: tuple[float, float, float]) -> npt.NDArray[np.float64]:
+def ycbcr_matrix(luma_weights: tuple[float, float, float]) -> Array:
     """(3, 3) R'G'B' → Y', Cb, Cr, all of the same range."""
     red, _, blue = np.eye(3)
     return np.stack(
@@ -36,7 +35,7 @@ def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
     return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
 
 
-def light_of_hex(*colors: str) -> npt.NDArray[np.float64]:
+def light_of_hex(*colors: str) -> Array:
     """(n, 3) linear sRGB, 0…1, of colors of six hexadecimal digits, with or without a #.
 
     Raises ValueError if a color is not written like that.

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import (
     MAX_LIGHT,
+    Array,
     Bools,
     Direction,
     Floats,
@@ -20,10 +21,9 @@ from blurmatte.checks import (
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
-from blurmatte.radiometry.compression import Compression
+from blurmatte.radiometry.compression import Compression, FrameCoding
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, Transfer
-from blurmatte.radiometry.transform_coding import FrameCoding
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -
         )
 
 
-def smooth_variance(picture: LinearImage) -> npt.NDArray[np.float64]:
+def smooth_variance(picture: LinearImage) -> Array:
     """(H, W, 3) noise variance, light², smoothed over a neighborhood.
 
     The variance of a pixel depends on its own noise: brighter pixels would get less weight, and every
@@ -308,7 +308,7 @@ def smooth_variance(picture: LinearImage) -> npt.NDArray[np.float64]:
     from scipy.ndimage import gaussian_filter
 
     raw = picture.variance.astype(float)
-    variance: npt.NDArray[np.float64] = gaussian_filter(raw, sigma=(2.0, 2.0, 0))
+    variance: Array = gaussian_filter(raw, sigma=(2.0, 2.0, 0))
     return np.maximum(variance, 1e-14)
 
 

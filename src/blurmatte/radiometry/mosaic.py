@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 
 Pattern = npt.NDArray[np.integer[Any]]
 
@@ -38,7 +38,7 @@ def sees_all_colors(pattern: Pattern) -> bool:
     return all(bool(_spread(color).min() > 0) for color in seen)
 
 
-def variance_shares(pattern: Pattern) -> npt.NDArray[np.float64]:
+def variance_shares(pattern: Pattern) -> Array:
     """(3,) mean noise variance of a color after `demosaic`, relative to that of a measured pixel.
 
     Demosaicing correlates the noise of neighbors: sums over several pixels have a larger variance than

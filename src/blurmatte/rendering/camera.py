@@ -4,14 +4,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.checks import Floats, check_light, check_not_negative
+from blurmatte.checks import Codes, Floats, check_light, check_not_negative
 from blurmatte.jpeg import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.mosaic import variance_shares
 from blurmatte.rendering.codes import (
     CHROMAS,
     FULL_CHROMA,
-    Codes,
     check_8_bit_codes,
     check_bits,
     from_jpeg,
@@ -20,8 +19,7 @@ from blurmatte.rendering.codes import (
     to_jpeg,
 )
 from blurmatte.rendering.coverage import disc_kernel
-from blurmatte.rendering.processing import Processing
-from blurmatte.rendering.sensor import BAYER, Rng, noisy, through_mosaic
+from blurmatte.rendering.processing import BAYER, Processing, Rng, noisy, through_mosaic
 
 _NO_NOISE = NoiseModel()
 _NO_PROCESSING = Processing()

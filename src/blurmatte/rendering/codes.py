@@ -8,10 +8,8 @@ import io
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Codes, Codes8, Floats
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Transfer
-
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 FULL_CHROMA = "4:4:4"
 CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
@@ -63,7 +61,7 @@ def from_ycbcr(Y: Floats, Cb: Floats, Cr: Floats) -> Floats:
     return np.stack([R, (Y - red * R - blue * B) / green, B], axis=-1)
 
 
-def ycbcr_variance(variance: Floats) -> npt.NDArray[np.float64]:
+def ycbcr_variance(variance: Floats) -> Array:
     """Variance of Y', Cb and Cr (..., 3) for independent noise of `variance` (..., 3) in R'G'B'."""
     rows = np.stack(to_ycbcr(np.eye(3)[None]), axis=-1)[0]  # [of R', G', B'; to Y', Cb, Cr]
     return np.asarray(variance @ rows**2)
@@ -122,7 +120,7 @@ def to_jpeg(codes: npt.NDArray[np.unsignedinteger], quality: int, chroma: str) -
     return file.getvalue()
 
 
-def from_jpeg(file: bytes) -> npt.NDArray[np.uint8]:
+def from_jpeg(file: bytes) -> Codes8:
     """Decode a JPEG file to (H, W, 3) codes."""
     from PIL import Image
 

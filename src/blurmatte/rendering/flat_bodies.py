@@ -9,7 +9,7 @@ import numpy.typing as npt
 from blurmatte.checks import Array, check_finite, check_positive
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.rendering.coverage import box_coverage, cell_edges, polygon_coverage
+from blurmatte.rendering.coverage import box_coverage, cell_edges, polygon_coverage, resample
 from blurmatte.rendering.lighting import (
     Lamp,
     check_color,
@@ -193,13 +193,11 @@ class Sprite:
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
         """Coverage (h, w) and premultiplied light (h, w, 3) of pixels; see `Body.sharp`."""
-        from blurmatte.rendering import kernel  # numba takes half a second to import
-
         coverage, light = np.zeros((len(y), len(x))), np.zeros((len(y), len(x), 3))
         if abs(np.linalg.det(pose.plane)) > 1e-12:  # edge-on, nothing is visible
             to_sprite = np.asarray(np.linalg.inv(pose.plane), dtype=float)
             across, down = sample_counts(to_sprite)
-            kernel.resample(self._bordered, to_sprite, x, y, across, down, coverage, light)
+            resample(self._bordered, to_sprite, x, y, across, down, coverage, light)
         return coverage, light
 
     @property

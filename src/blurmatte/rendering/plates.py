@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Codes8
 from blurmatte.errors import BlurmatteError
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering.lighting import check_color
-from blurmatte.rendering.sensor import Rng
+from blurmatte.rendering.processing import Rng
 
 # Color photographs that come with scikit-image, without a download.
 PHOTOS = ("astronaut", "chelsea", "coffee", "immunohistochemistry", "rocket", "stereo_motorcycle")
@@ -190,7 +190,7 @@ def wire_fence(
     return Layer(alpha, shade[..., None] * paint)
 
 
-def _load_photo(name: str) -> npt.NDArray[np.uint8]:
+def _load_photo(name: str) -> Codes8:
     try:
         from skimage import data
     except ImportError as error:

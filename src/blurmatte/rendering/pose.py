@@ -23,7 +23,7 @@ from blurmatte.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class View:
+class CameraView:
     """Direction and focal length with which a pinhole camera sees a body."""
 
     # Tangents of the angles in x and y between the optical axis and the ray to the body's center
@@ -39,7 +39,7 @@ class Pose:
     # (2, 2) map of the picture plane: size and deformation. With a view, the size in the picture is
     # the focal length times the size in space over the depth
     stretch: Array
-    view: View | None = None  # of a pinhole camera; None for a camera far away
+    view: CameraView | None = None  # of a pinhole camera; None for a camera far away
 
     @property
     def plane(self) -> Array:
@@ -162,14 +162,14 @@ class Pinhole:
         ):
             raise ValueError(f"center must be two finite numbers of pixels, got {self.center}")
 
-    def view(self, point: Array, size: tuple[int, int]) -> View:
+    def view(self, point: Array, size: tuple[int, int]) -> CameraView:
         """View of a body whose center is at `point` (2,) in a picture of `size` (width, height)."""
         middle = (np.array(size) - 1) / 2 if self.center is None else np.array(self.center)
         u, v = ((point - middle) / self.focal).tolist()
-        return View((u, v), self.focal)
+        return CameraView((u, v), self.focal)
 
 
-def sphere_outline(view: View, radius: float) -> tuple[Array, Array]:
+def sphere_outline(view: CameraView, radius: float) -> tuple[Array, Array]:
     """Ellipse that a sphere projects to, pixels.
 
     Its center (2,) relative to the image of the sphere's, and the symmetric map (2, 2) of the unit
@@ -184,7 +184,7 @@ def sphere_outline(view: View, radius: float) -> tuple[Array, Array]:
     return center, across * np.eye(2) + (along - across) * radial
 
 
-def rim_magnification(view: View, reach: float) -> float:
+def rim_magnification(view: CameraView, reach: float) -> float:
     """Upper bound of the speed of a point within `reach` pixels of a body's center, relative to it.
 
     At a slope s from the optical axis the picture plane is stretched radially by 1 + s².

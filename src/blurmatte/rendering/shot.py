@@ -7,9 +7,9 @@ import numpy as np
 from blurmatte.checks import Floats, check_kind, check_light, check_same_size
 from blurmatte.radiometry import LinearImage, decode
 from blurmatte.rendering.camera import Camera
+from blurmatte.rendering.processing import Rng
 from blurmatte.rendering.render import Rendering
 from blurmatte.rendering.scene import Scene, check_scene
-from blurmatte.rendering.sensor import Rng
 from blurmatte.rendering.video import check_crf, through_h264
 
 

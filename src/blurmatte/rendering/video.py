@@ -10,12 +10,10 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Codes8
 from blurmatte.errors import BlurmatteError
 from blurmatte.rendering.codes import check_8_bit_codes
-
-Codes8 = npt.NDArray[np.uint8]
 
 _RATE = Fraction(30)  # frames per second; the rate control of a constant crf depends on it
 

@@ -23,9 +23,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import Codes8, check_kind
 from blurmatte.files import path_to_mapping, write_together
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
@@ -100,7 +99,7 @@ def _picture(name: str, picture: LinearImage, camera: Camera) -> dict[str, Any]:
     return {f"{name}.png": picture}
 
 
-def _strip(image: LinearImage, plate: LinearImage, truth: Rendering) -> npt.NDArray[np.uint8]:
+def _strip(image: LinearImage, plate: LinearImage, truth: Rendering) -> Codes8:
     """Four pictures side by side, (H, 4 W, 3) sRGB codes."""
     alpha = np.rint(255 * truth.layer.alpha).astype(np.uint8)
     lights = (image.rgb, plate.rgb, truth.layer.straight())

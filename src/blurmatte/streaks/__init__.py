@@ -5,9 +5,9 @@ from blurmatte.streaks.find import find_streak_within as find_streak_within
 from blurmatte.streaks.find import find_streaks as find_streaks
 from blurmatte.streaks.find import merge_across_occluder as merge_across_occluder
 from blurmatte.streaks.find import require_streaks as require_streaks
-from blurmatte.streaks.gate import Change as Change
+from blurmatte.streaks.gate import FrameChange as FrameChange
 from blurmatte.streaks.gate import Gate as Gate
-from blurmatte.streaks.morphology import dilated as dilated
-from blurmatte.streaks.morphology import opened as opened
 from blurmatte.streaks.streak import Streak as Streak
 from blurmatte.streaks.streak import check_streak as check_streak
+from blurmatte.streaks.streak import dilated as dilated
+from blurmatte.streaks.streak import opened as opened

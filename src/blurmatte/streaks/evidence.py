@@ -8,7 +8,6 @@ nothing moved. Large pictures are averaged over cells of several pixels, which b
 from collections.abc import Iterator
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, NoiseModel, rounding_noise
@@ -155,7 +154,7 @@ def _edge_energy(B: Floats) -> Floats:
     return np.asarray(ndimage.maximum_filter(energy, size=(3, 3, 1)))
 
 
-def in_cells(values: npt.NDArray[np.floating], cell: int) -> Floats:
+def in_cells(values: Floats, cell: int) -> Floats:
     """Means over cells of `cell` x `cell` pixels; the picture is extended to whole cells."""
     if cell == 1:
         return values

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, check_same_size
+from blurmatte.checks import Bools, Box, Floats32, check_same_size
+from blurmatte.compiling import njit
 from blurmatte.radiometry.coded import CodedFrame, Planes
 from blurmatte.statistics import MAD_TO_STD
-from blurmatte.streaks.gate_kernel import count_changes, sum_pairs
 
-Map = npt.NDArray[np.float32]
 CELL = 2  # pixels: half resolution
 
 
@@ -40,7 +39,7 @@ _MAX_GAIN_CHANGE = 0.005  # of one frame: smaller ones are noise of the median
 
 
 @dataclass(frozen=True)
-class Change:
+class FrameChange:
     """What moved in one frame."""
 
     number: int  # of the frame
@@ -54,9 +53,9 @@ class Change:
 class Gate:
     """Table of the plate's code values, and of how far those of a frame may differ from them."""
 
-    cells: tuple[Map, ...]  # three (h, w): the plate over cells, each plane minus its zero
-    cell_reach: tuple[Map, ...]  # three (h, w): largest |d| without motion
-    block_reach: tuple[Map, ...]  # three (h', w'): the same for blocks
+    cells: tuple[Floats32, ...]  # three (h, w): the plate over cells, each plane minus its zero
+    cell_reach: tuple[Floats32, ...]  # three (h, w): largest |d| without motion
+    block_reach: tuple[Floats32, ...]  # three (h', w'): the same for blocks
     zero: tuple[float, float, float]  # as in `CodedFrame`
     size: tuple[int, int]  # (width, height) of the frames, pixels
 
@@ -82,7 +81,7 @@ class Gate:
             raise ValueError("samples must hold one frame or more, got none")
         reach, of_blocks = [], []
         for c, cells in enumerate(expected):  # one at a time saves memory
-            stds: tuple[list[Map], list[Map]] = [], []
+            stds: tuple[list[Floats32], list[Floats32]] = [], []
             side = len(padded[c]) // len(cells)
             for rows in _strips(len(cells), len(few)):
                 own, part = slice(side * rows.start, side * rows.stop), cells[rows]
@@ -104,7 +103,7 @@ class Gate:
                     table[touched] = np.inf
         return cls(expected, tuple(reach), tuple(of_blocks), plate.zero, plate.size)
 
-    def changes(self, frame: CodedFrame) -> Change:
+    def changes(self, frame: CodedFrame) -> FrameChange:
         """What moved in a frame; raises ValueError if it has another size."""
         check_same_size("a frame", frame.size, "plate", self.size)
         planes, block = _padded(frame.planes), _BLOCK_CELLS
@@ -118,7 +117,7 @@ class Gate:
             moved |= np.abs(sums) > self.block_reach[c]
         moved |= counts >= _MIN_CELLS
         boxes = _boxes(moved, CELL * block, self.size)
-        return Change(frame.number, frame.time, boxes, float(moved.mean()), gain)
+        return FrameChange(frame.number, frame.time, boxes, float(moved.mean()), gain)
 
 
 def _padded(planes: Planes) -> Planes:
@@ -140,7 +139,7 @@ def _padded(planes: Planes) -> Planes:
     return padded[0], padded[1], padded[2]
 
 
-def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float) -> Map:
+def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float) -> Floats32:
     """Sums of a padded plane minus its zero over cells."""
     if plane.shape == shape:
         summed = plane.astype(np.float32)
@@ -151,14 +150,14 @@ def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float)
     return summed
 
 
-def _few_cells(plane: npt.NDArray[np.generic], zero: float) -> Map:
+def _few_cells(plane: npt.NDArray[np.generic], zero: float) -> Floats32:
     """Every n-th cell of the first plane, from which the gain is found."""
     step = CELL * _GAIN_EVERY_CELLS
     corners = (plane[y::step, x::step].astype(np.float32) for y in range(CELL) for x in range(CELL))
     return np.asarray(sum(corners) - np.float32(CELL**2 * zero))
 
 
-def _gain(few: Map, expected: Map) -> float:
+def _gain(few: Floats32, expected: Floats32) -> float:
     """Gain of a frame: the median ratio of its first plane to the plate's; 1 if it hardly changed."""
     b = expected[::_GAIN_EVERY_CELLS, ::_GAIN_EVERY_CELLS]
     bright = b > 0.1 * b.max()  # dark code values have no ratio
@@ -168,7 +167,7 @@ def _gain(few: Map, expected: Map) -> float:
     return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
 
 
-def _block_sums(cells: Map, block: int) -> Map:
+def _block_sums(cells: Floats32, block: int) -> Floats32:
     h, w = (n // block for n in cells.shape)
     return np.asarray(cells.reshape(h, block, w, block).sum(axis=(1, 3)))
 
@@ -179,7 +178,7 @@ def _strips(height: int, samples: int) -> Iterator[slice]:
     return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
 
 
-def _std(differences: Map) -> Map:
+def _std(differences: Floats32) -> Floats32:
     """From a low quantile of |d| over frames: an object may cover half of them. Overwrites d."""
     sizes = np.abs(differences, out=differences)
     if len(sizes) < _MIN_SAMPLES:
@@ -189,7 +188,7 @@ def _std(differences: Map) -> Map:
     return np.asarray(sizes[rank] / _QUANTILE_STDS)
 
 
-def _reach(std: Map, least: float) -> Map:
+def _reach(std: Floats32, least: float) -> Floats32:
     """Largest |d| without motion, from its standard deviations."""
     from scipy.ndimage import uniform_filter
 
@@ -235,3 +234,51 @@ def joined(boxes: Iterable[Box]) -> list[Box]:
 
 def _overlap(a: Box, b: Box) -> bool:
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
+
+
+@njit()
+def sum_pairs(plane, out):  # type: ignore[no-untyped-def]
+    """Sums of a plane (H, W) over squares of two values; `out` is (H // 2, W // 2) float32."""
+    for y in range(out.shape[0]):
+        upper, lower, row = plane[2 * y], plane[2 * y + 1], out[y]
+        for x in range(out.shape[1]):
+            total = upper[2 * x] + upper[2 * x + 1]
+            total += lower[2 * x]
+            total += lower[2 * x + 1]
+            row[x] = total
+
+
+@njit()
+def count_changes(plane, zero, gain, expected, reach, block, counts, sums):  # type: ignore[no-untyped-def]
+    """Count the cells of each block that differ from the plate, and sum their differences.
+
+    plane (n h, n w): code values of a frame; a cell has n x n of them, n = 1 or 2. `zero` is that of a
+    cell without light, `gain` that of the frame over the plate. expected, reach (h, w): cells of the
+    plate minus their zero, and the largest difference without motion. counts (h // block, w // block)
+    are increased by the numbers of cells beyond their reach, sums overwritten by those of differences.
+    """
+    width = counts.shape[1] * block
+    halved = plane.shape[0] == 2 * expected.shape[0]
+    line = np.empty(width, np.float32)
+    for y in range(counts.shape[0]):
+        for x in range(counts.shape[1]):
+            sums[y, x] = 0
+        for i in range(y * block, y * block + block):
+            if halved:
+                upper, lower = plane[2 * i], plane[2 * i + 1]
+                for j in range(width):
+                    total = upper[2 * j] + upper[2 * j + 1]
+                    total += lower[2 * j]
+                    total += lower[2 * j + 1]
+                    line[j] = total
+            else:
+                for j in range(width):
+                    line[j] = plane[i, j]
+            for x in range(0, width, block):
+                total, count = sums[y, x // block], 0
+                for j in range(x, x + block):
+                    d = line[j] - zero - gain * expected[i, j]
+                    total += d
+                    count += abs(d) > reach[i, j]
+                sums[y, x // block] = total
+                counts[y, x // block] += count

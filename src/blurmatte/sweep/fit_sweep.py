@@ -25,9 +25,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_weights,
 )
 from blurmatte.sweep.assess.opacity import fit_opacity, is_at_rest
-from blurmatte.sweep.fit.candidate import Candidate
-from blurmatte.sweep.fit.codec_loss import before_loss
-from blurmatte.sweep.fit.jpeg_correction import candidate_before_file
+from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
     MAX_STEPS,
@@ -39,6 +37,7 @@ from blurmatte.sweep.fit.multistart import (
     with_varied_colors,
 )
 from blurmatte.sweep.fit.outline import fit_growing, fit_outline
+from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
@@ -48,7 +47,7 @@ from blurmatte.sweep.fit.residuals import (
 )
 from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation

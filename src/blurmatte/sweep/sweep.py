@@ -6,11 +6,10 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
-from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import (
-    Blur,
+    ChromaBlur,
     File,
     file_of,
     image_before,
@@ -18,8 +17,8 @@ from blurmatte.sweep.model.chroma_subsampling import (
 )
 from blurmatte.sweep.model.path import PathFamily, path_spread
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.silhouette import Silhouette, Swept
-from blurmatte.trajectory import Trajectory
+from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha
+from blurmatte.trajectory import PointSpread, Trajectory
 
 MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 for noise alone
 _MAX_RADIUS_ERROR = 0.25  # standard deviation of the radius, of the radius
@@ -331,7 +330,7 @@ class Sweep:
     def _file(self, image: LinearImage) -> File | None:
         """The file's effect on the image's code values."""
         blur = self.diagnostics.chroma_blur
-        return file_of(image) or (Blur(blur) if blur > 0 else None)
+        return file_of(image) or (ChromaBlur(blur) if blur > 0 else None)
 
     def in_shadow(self, plate: LinearImage, box: tuple[int, int, int, int]) -> LinearImage:
         """A box of the plate in the shadow that the object casts on it; unchanged without a shadow.
@@ -354,5 +353,5 @@ class Sweep:
         by_opacity = self.opacity_std / self.silhouette.opacity * float(swept.alpha.sum())
         return float(np.sqrt(total @ self.covariance @ total + by_opacity**2))
 
-    def _swept(self, box: tuple[int, int, int, int], shape: Array) -> Swept:
+    def _swept(self, box: tuple[int, int, int, int], shape: Array) -> SweptAlpha:
         return self.silhouette.sweep(self.family, self.path, shape, Pixels.of_box(box))

@@ -18,7 +18,7 @@ from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.fitting_size import FittingSize
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 
 CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
 

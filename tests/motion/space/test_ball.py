@@ -16,7 +16,7 @@ from blurmatte.motion.space.perspective_ball import (
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import colorful_plate, render_flight
-from blurmatte.rendering.flight import outline_of
+from blurmatte.rendering.ball import outline_of
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE, PARABOLA

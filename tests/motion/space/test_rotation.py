@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 import blurmatte as bm
 from blurmatte.motion.space.rotation import _check_same
 from blurmatte.motion.space.rotation_blades import Blades, ramp
-from blurmatte.motion.space.rotation_ring import Pixels
+from blurmatte.motion.space.rotation_ring import RingPixels
 from blurmatte.rendering import Change, Sheet, colorful_plate
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
 from blurmatte.sweep.model.path import LINE
@@ -93,7 +93,7 @@ def test_derivatives_match_differences(center):
     """oracle: differences, of a bent blade."""
     rng = np.random.default_rng(0)
     xy = CENTER + rng.uniform(-40, 40, (200, 2))
-    pixels = Pixels(*xy.T, np.zeros(200), np.ones(200))
+    pixels = RingPixels(*xy.T, np.zeros(200), np.ones(200))
     model = Blades(center, (10.0, 45.0), [(0.4, 0.5)])
     p = np.concatenate([CENTER if center is None else [], [0.8], 0.1 * rng.normal(size=10)])
     _, J = model._alpha(p, pixels)

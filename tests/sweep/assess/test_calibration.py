@@ -10,14 +10,14 @@ from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
     REASONS,
     UNCOMPRESSED,
-    Calibration,
+    ErrorCalibration,
     ErrorTerms,
     fitted_calibration,
 )
 
 TERMS = [field.name for field in fields(ErrorTerms)]
 CLASSES = {COMPRESSED: 1.5, UNCOMPRESSED: 2.0}
-MADE_UP = Calibration(-1.0, {"radius": 0.5, "mean": 1.0, "least": 0.8, "noise": 0.1}, CLASSES)
+MADE_UP = ErrorCalibration(-1.0, {"radius": 0.5, "mean": 1.0, "least": 0.8, "noise": 0.1}, CLASSES)
 
 
 def test_the_data_file_has_a_coefficient_for_every_term():

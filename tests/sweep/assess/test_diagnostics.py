@@ -21,8 +21,8 @@ from tests.sweep.scenes import (
 
 from blurmatte.rendering import Ball, Change, Sheet
 from blurmatte.sweep.assess.diagnostics import diagnosed
-from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.sweep import Diagnostics

@@ -11,7 +11,7 @@ from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.opacity import fit_opacity, is_at_rest
 from blurmatte.sweep.fit.multistart import start_along
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixels import Pixels

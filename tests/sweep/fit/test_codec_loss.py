@@ -1,19 +1,48 @@
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from tests.sweep.scenes import (
+    BOUNDS,
+    CAMERA,
+    FLAT,
+    FLAT_BEFORE_TILES,
+    GREEN,
+    JPEG,
+    ONE_PAINT,
+    RADIUS,
+    along,
+    alpha_error,
+    disc_at,
+    observed,
+    photographed,
+    rendered,
+    within,
+)
 
-from blurmatte.radiometry import REC709, CodingError, LinearImage
+from blurmatte.radiometry import REC709, SRGB, CodingError, LinearImage
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
+from blurmatte.radiometry.compression import CodingErrors, FrameCoding, lost_change
 from blurmatte.radiometry.image import Meta
-from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding, lost_change
-from blurmatte.rendering import Ball, Scene, render, textured_plate
+from blurmatte.rendering import Ball, Camera, Scene, render, textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep import fit_disc
+from blurmatte.sweep.assess.diagnostics import sweep_of
+from blurmatte.sweep.fit.codec_loss import (
+    candidate_before_file,
+    chroma_blur_std,
+    corrected_for_file,
+    light_before_file,
+)
+from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX, Silhouette
 from blurmatte.trajectory import Trajectory
 
 STEP, NOISE = 8 / 255, 1 / 255  # code values
 COLOR = np.array([0.6, 0.3, 0.1])
+SCENE = FLAT_BEFORE_TILES[LINE]
 
 
 def coded(seed, fraction):
@@ -58,3 +87,89 @@ def test_correction_for_lost_rims_makes_a_disc_larger_and_less_certain():
     (z, off), (z_of_loss, off_of_loss) = (radius_of(2, 1.0, coding) for coding in (True, False))
     assert z_of_loss < 3 * z < 0
     assert off_of_loss < off < 0
+
+
+@cache
+def fitted(scene=SCENE, seed=0, camera=JPEG):
+    """The best disc in the light as decoded from the file, near the truth."""
+    observation = observed(scene, seed, camera, ONE_PAINT)
+    observation = observation.raised(observation.correlated_noise())
+    return minimize(disc_at(observation), BOUNDS)
+
+
+def parameters(state):
+    return np.concatenate([state.path, state.shape[:1]])
+
+
+def test_blur_is_that_of_the_compression_metadata():
+    state = fitted()
+    assert chroma_blur_std(state) == state.observation.compression.spread > 0
+
+
+@pytest.mark.parametrize(("softness", "blur"), [(0.8, 0.8), (5.0, MAX_FILE_BLUR_PX)])
+def test_the_blur_of_an_unknown_file_is_that_of_the_rim(softness, blur):
+    """At most the blur of usual files."""
+    state = fitted(camera=CAMERA)
+    soft = state.of_kind(Silhouette(1, soft=True))
+    soft = soft.moved(soft.path, np.array([RADIUS, softness]))
+    assert chroma_blur_std(soft) == blur
+
+
+def test_corrected_light_is_nearer_to_uncompressed_light():
+    """honest: across the object's color."""
+    state, truth = fitted(), rendered(SCENE)
+    before = light_before_file(state.observation, state, SRGB, chroma_blur_std(state))
+    across = np.linalg.svd(GREEN[:, None])[0][:, 1:]
+    rim = within(state.observation, truth.layer.alpha) > 0
+    true = within(state.observation, truth.image.rgb)
+    off = [((x - true)[rim] @ across) for x in (state.observation.C, before.C)]
+    first, second = (np.sqrt(np.mean(x**2)) for x in off)
+    assert second < first
+    assert before.color is state.observation.color
+
+
+def test_the_corrected_sweep_is_a_fixed_point():
+    """oracle: many rounds and two agree within a fraction of the standard deviation."""
+    state = corrected_for_file(fitted(), SRGB)
+    std = np.sqrt(np.diag(np.linalg.inv(state.information()[0])))
+    slow, observed_light = fitted(), fitted().observation
+    for _ in range(12):
+        before = light_before_file(observed_light, slow, SRGB, chroma_blur_std(slow))
+        slow = minimize(slow.relit(before), BOUNDS)
+    assert np.abs((parameters(slow) - parameters(state)) / std).max() < 0.6
+
+
+@pytest.mark.parametrize("scene", [FLAT[LINE], SCENE], ids=["wall", "tiles"])
+def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
+    """honest"""
+    candidate = candidate_before_file(fitted(scene), SRGB)
+    assert candidate.chroma_blur > 0
+    true = within(candidate.state.observation, rendered(scene).layer.alpha)
+    assert alpha_error(candidate.state.swept.alpha, true) < 0.015
+    assert candidate.parameters == candidate.state.size
+
+
+def test_candidates_without_chroma_subsampling_are_unchanged():
+    """invariant"""
+    state = fitted(camera=CAMERA)
+    candidate = candidate_before_file(state, SRGB)
+    assert candidate.state is state
+    assert candidate.chroma_blur == 0
+
+
+@pytest.mark.parametrize("quality", [90, 95])
+@pytest.mark.parametrize(
+    "draws", [12, pytest.param(24, marks=pytest.mark.battery)], ids=["few", "many"]
+)
+def test_errors_from_jpegs_are_honest(quality, draws):
+    """honest: from the truth, draws of noise, path and radius."""
+    camera, z = Camera(code_std=1.5 / 255, jpeg_quality=quality, chroma="4:2:0"), []
+    for seed in range(draws):
+        candidate = candidate_before_file(fitted.__wrapped__(SCENE, seed, camera), SRGB)
+        sweep = sweep_of(candidate, photographed(SCENE, seed, camera)[0])
+        off = np.concatenate([sweep.path, sweep.shape[:1]]) - [
+            *along(LINE).xy[[0, -1]].ravel(),
+            RADIUS,
+        ]
+        z.append(off / np.sqrt(np.diag(sweep.covariance)[: len(off)]))
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4

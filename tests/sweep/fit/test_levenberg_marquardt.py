@@ -26,7 +26,7 @@ from tests.sweep.scenes import TIMES as T
 
 from blurmatte.color import ColorModel
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
 from blurmatte.sweep.model.state import state_at

@@ -10,7 +10,7 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Scene, Shadow, plain_plate, render
 from blurmatte.streaks import Streak
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
 from blurmatte.trajectory import Trajectory

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from blurmatte.radiometry import REC709, SRGB, LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
 from blurmatte.sweep.model.chroma_subsampling import (
-    Blur,
+    ChromaBlur,
     Compressed,
     file_of,
     image_before,
@@ -53,7 +53,7 @@ def test_the_blur_of_chroma_is_inverted(transfer):
     light, alpha, own = truth.image.rgb, truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(light, transfer)
     assert np.abs(seen - light).max() > 0.02
-    back = light_before(seen, truth.plate.rgb, alpha, own, Blur(BLUR), transfer)
+    back = light_before(seen, truth.plate.rgb, alpha, own, ChromaBlur(BLUR), transfer)
     assert_allclose(back, light, atol=1e-5)
 
 
@@ -62,7 +62,7 @@ def test_most_of_the_blur_is_inverted_before_tiles():
     truth = rendered_before("tiles")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen, plate = (through_a_file(x.rgb, SRGB) for x in (truth.image, truth.plate))
-    back = light_before(seen, plate, alpha, own, Blur(BLUR), SRGB)
+    back = light_before(seen, plate, alpha, own, ChromaBlur(BLUR), SRGB)
     before, after = (
         ((x - (1 - alpha)[..., None] * plate)[alpha > 0]) @ across(truth) for x in (seen, back)
     )
@@ -72,10 +72,10 @@ def test_most_of_the_blur_is_inverted_before_tiles():
 def test_light_is_unchanged_where_nothing_moved():
     """exact"""
     truth, nothing = rendered_before("wall"), np.zeros(SIZE[::-1])
-    before = light_before(WALL, WALL, nothing, np.zeros_like(WALL), Blur(BLUR), SRGB)
+    before = light_before(WALL, WALL, nothing, np.zeros_like(WALL), ChromaBlur(BLUR), SRGB)
     assert_allclose(before, WALL, atol=1e-7)
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
-    back = light_before(truth.image.rgb, WALL, alpha, own, Blur(BLUR), SRGB)
+    back = light_before(truth.image.rgb, WALL, alpha, own, ChromaBlur(BLUR), SRGB)
     assert_allclose(back[:12, :12], truth.image.rgb[:12, :12], atol=1e-7)
 
 
@@ -84,9 +84,9 @@ def test_luma_is_unchanged():
     truth = rendered_before("wall")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(truth.image.rgb, SRGB)
-    back = light_before(seen, truth.plate.rgb, alpha, own, Blur(BLUR), SRGB)
+    back = light_before(seen, truth.plate.rgb, alpha, own, ChromaBlur(BLUR), SRGB)
     assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-5)
-    same = light_before(seen, truth.plate.rgb, alpha, own, Blur(0), SRGB)
+    same = light_before(seen, truth.plate.rgb, alpha, own, ChromaBlur(0), SRGB)
     assert_allclose(same, seen, atol=1e-9)
 
 
@@ -135,7 +135,7 @@ def test_clipped_pixels_are_unchanged():
     valid[30:34, 40:48] = False
     seen = LinearImage(through_a_file(truth.image.rgb, SRGB), NoiseModel(), valid)
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
-    before = image_before(seen, truth.plate, alpha, own, Blur(BLUR))
+    before = image_before(seen, truth.plate, alpha, own, ChromaBlur(BLUR))
     assert_array_equal(before.rgb[~valid], seen.rgb[~valid])
     assert np.abs(before.rgb - seen.rgb)[valid].max() > 0.01
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.observation import Observation
 

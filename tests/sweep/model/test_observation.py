@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 
 NOISE = NoiseModel(gain=1e-4, read_std=1e-3)

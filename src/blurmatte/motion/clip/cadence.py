@@ -18,11 +18,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
 from blurmatte.motion.clip.smoothing import MIN_STD_PX
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
-
-Array = npt.NDArray[np.float64]
 
 _REPEATS = "It repeats the frame before."
 _NEIGHBORS = 4  # rows before and after a step, from which it is predicted

@@ -19,9 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals, parts_of_tracks
 from blurmatte.motion.clip.robust_curve import RobustCurve, whole_rows
 from blurmatte.motion.clip.smoothing import (
@@ -33,8 +32,6 @@ from blurmatte.motion.clip.smoothing import (
 )
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.model.motion_prior import PathPrior
-
-Array = npt.NDArray[np.float64]
 
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
 _BATCHES = 8  # of frames, whose displacements are compared

@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import DIRECTIONS, Direction, check_kind
-
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
 
 NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
 

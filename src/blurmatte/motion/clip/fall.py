@@ -11,13 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import Array, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.picture.error_budget import by_axis, check_std
 from blurmatte.motion.picture.motion import Scale
-
-Array = npt.NDArray[np.float64]
-
 
 # Tests of a parabola in time, and of its acceleration.
 MIN_POSITIONS = 4  # any three positions lie on a parabola

@@ -21,7 +21,7 @@ from math import factorial
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, check_kind
+from blurmatte.checks import Array, Bools, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.clip.detections import FrameMotion, check_rows, main_track
 from blurmatte.motion.clip.fall import (
@@ -36,8 +36,6 @@ from blurmatte.motion.clip.positions_3d import BallPlace, check_line_time_of_cli
 from blurmatte.motion.clip.smoothing import MIN_OUTLIER_PROBABILITY, noise_scale, student_weights
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.motion.space.ball_motion import BallMotion
-
-Array = npt.NDArray[np.float64]
 
 _REWEIGHTINGS = 30  # of positions; their weights then change by less than a thousandth
 

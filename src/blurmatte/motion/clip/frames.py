@@ -5,13 +5,12 @@ from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Floats
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.statistics import MAD_TO_STD
 
-Array = npt.NDArray[np.float64]
-Noise = NoiseModel | npt.NDArray[np.floating]
+Noise = NoiseModel | Floats
 
 
 @runtime_checkable

@@ -4,9 +4,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box
+from blurmatte.checks import Bools, Box, Floats, Floats32
 from blurmatte.color.color_projection import (
     projected_energy,
     projection_vectors,
@@ -17,7 +16,6 @@ from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, dilated, find_streaks, opened
 
-Array = npt.NDArray[np.floating]
 Place = tuple[slice, ...]
 
 
@@ -55,8 +53,8 @@ class MatchedFilter:
 
     plate: LinearImage
     model: ColorModel
-    weight: npt.NDArray[np.float32]
-    std: npt.NDArray[np.float32]
+    weight: Floats32
+    std: Floats32
     inflation: float = 1.0
 
     @classmethod
@@ -94,13 +92,13 @@ class MatchedFilter:
             self, plate=self.plate.crop(box), weight=self.weight[place], std=self.std[place]
         )
 
-    def _light(self, image: LinearImage) -> npt.NDArray[np.float32]:
+    def _light(self, image: LinearImage) -> Floats32:
         """(H, W) p."""
         m = projection_vectors(self.plate, self.model)
         p = np.where(image.valid, np.einsum("hwc,hwc->hw", m, image.rgb), 0)
         return p.astype(np.float32)
 
-    def _strength(self, p: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    def _strength(self, p: Floats32) -> Floats32:
         """(H, W) smoothed light in standard deviations."""
         from scipy.ndimage import gaussian_filter
 
@@ -150,7 +148,7 @@ def min_energy(strongest: float) -> float:
     return max(_MIN_ENERGY_FRACTION * strongest, 0.0)
 
 
-def _strong(strength: Array) -> Bools | None:
+def _strong(strength: Floats) -> Bools | None:
     """Mask of the strong pixels of a part, filled and dilated; None if they are too few.
 
     `_padding()` pixels larger than the part on each side.

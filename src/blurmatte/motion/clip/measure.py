@@ -10,7 +10,6 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background import Matching
 from blurmatte.checks import Bools, Box, check_kind, check_same_size
@@ -51,8 +50,6 @@ from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer

@@ -14,9 +14,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import Array, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
@@ -29,8 +28,6 @@ from blurmatte.motion.picture.error_budget import (
 from blurmatte.motion.picture.motion import check_line_time
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
-
-Array = npt.NDArray[np.float64]
 
 _MEAN = np.kron(np.array([1, 4, 1]) / 6, np.eye(3))  # over the exposure, by Simpson's rule
 

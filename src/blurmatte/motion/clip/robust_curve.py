@@ -21,6 +21,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, parts_of_tracks
 from blurmatte.motion.clip.smoothing import (
     ADDED_DECADES,
@@ -35,9 +36,6 @@ from blurmatte.motion.clip.smoothing import (
     student_cost,
     student_weights,
 )
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 _ROUNDS = 3  # of errors and curve at most
 _REWEIGHTINGS = 3  # in a round

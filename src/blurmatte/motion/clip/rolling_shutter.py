@@ -21,13 +21,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import DIRECTIONS, Direction
+from blurmatte.checks import DIRECTIONS, Array, Direction
 from blurmatte.motion.clip.smoothing import least_decades, student_cost, student_weights
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 
-Array = npt.NDArray[np.float64]
 Stretch = tuple[Array, Array]  # (2,) and covariance (2, 2)
 
 _ROUNDS = 10  # of weights and readout time

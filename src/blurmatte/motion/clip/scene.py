@@ -22,8 +22,8 @@ from blurmatte.radiometry import (
     in_codes_of,
 )
 from blurmatte.radiometry.coded import CodedSequence
-from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
-from blurmatte.streaks import Change, Gate
+from blurmatte.radiometry.compression import CodingErrors, FrameCoding
+from blurmatte.streaks import FrameChange, Gate
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
 GATE_SAMPLES = 16  # frames from which the differences without motion are measured
@@ -145,7 +145,9 @@ def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
     return plate
 
 
-def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> Iterator[Change]:
+def survey(
+    frames: Sequence[LinearImage], scene: StaticScene, workers: Workers
+) -> Iterator[FrameChange]:
     """What moved in each frame of a clip, in order."""
     found = workers.over(frames, _Survey(scene.gate), parts_of(frames, workers))
     for changes in successes(found):
@@ -158,7 +160,7 @@ class _Survey:
 
     gate: Gate
 
-    def __call__(self, frames: Sequence[LinearImage], first: int) -> list[Change]:
+    def __call__(self, frames: Sequence[LinearImage], first: int) -> list[FrameChange]:
         return [
             replace(self.gate.changes(frame), number=k)
             for k, frame in enumerate(each_coded(frames), first)

@@ -25,8 +25,7 @@ from math import factorial
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
+from blurmatte.checks import Array, Bools
 
 _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determined
 _MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
@@ -151,7 +150,7 @@ class Estimate:
         return cls(mean, covariance)
 
     @property
-    def known(self) -> npt.NDArray[np.bool_]:
+    def known(self) -> Bools:
         """(n,) where the state is determined."""
         return np.asarray(np.isfinite(self.mean[:, 0]))
 

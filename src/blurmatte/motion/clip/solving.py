@@ -11,10 +11,9 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.background import Matching
-from blurmatte.checks import Bools, Box, check_kind
+from blurmatte.checks import Array, Bools, Box, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError
 from blurmatte.matting.case import Solver
@@ -39,8 +38,6 @@ from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
-
-Array = npt.NDArray[np.float64]
 
 STRETCH_FRAMES = 16  # of which the camera's readout time is measured at most
 SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a time

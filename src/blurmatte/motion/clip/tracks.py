@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.motion.clip.detections import FrameSightings, Sighting, in_intervals
-
-Array = npt.NDArray[np.float64]
 
 _H = np.eye(2, 4)
 

@@ -19,13 +19,12 @@ from blurmatte.motion.space.perspective_ball import PerspectiveBall, at_nodes, p
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.diagnostics import diagnosed
-from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import NODES_PER_RADIUS, with_principal_axes
-from blurmatte.sweep.fit.ranking import best_of
+from blurmatte.sweep.fit.ranking import Candidate, best_of
 from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
 from blurmatte.sweep.fit_sweep import fit_sweep
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.path import LINE, PARABOLA, Polynomial
 from blurmatte.sweep.model.state import State, state_at

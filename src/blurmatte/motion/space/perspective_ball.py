@@ -23,7 +23,7 @@ from blurmatte.intrinsics import Intrinsics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.silhouette import Silhouette, Swept, moments
+from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha, moments
 
 _STEP = 0.05  # pixels, for derivatives of rays
 _OUTLINE_POINTS = 16
@@ -47,7 +47,7 @@ class PerspectiveBall(Silhouette):
         rays, slopes = intrinsics.rays(pixels), intrinsics.ray_slopes(pixels) * data.scale
         return cls(intrinsics=intrinsics, rays=rays, slopes=np.ascontiguousarray(slopes))
 
-    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> Swept:
+    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
         """Alpha of a moving ball, and its derivatives."""
         from blurmatte.motion.space import perspective_ball_kernel  # numba: half a second
 
@@ -60,7 +60,7 @@ class PerspectiveBall(Silhouette):
         X, D = basis @ nodes, np.einsum("tk,kcp->tcp", basis, by_parameters)
         boxes = self._boxes(X, pixels)
         perspective_ball_kernel.flight(X, D, weights, boxes, self.rays, self.slopes, alpha, J)
-        return Swept(alpha, J)
+        return SweptAlpha(alpha, J)
 
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
         """The nearest shape with a radius within bounds."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import Array
-from blurmatte.motion.space.rotation_ring import GRID, Pixels
+from blurmatte.motion.space.rotation_ring import GRID, RingPixels
 
 # Of ρ: −1 and −3 describe straight edges that miss the center, 2 describes curved edges.
 _POWERS = (-3.0, -1.0, 0.0, 1.0, 2.0)
@@ -34,7 +34,7 @@ class Blades:
     ring: tuple[float, float]
     blades: list[tuple[float, float]]
 
-    def fit(self, pixels: Pixels, c: Array, omega: float) -> tuple[Array, Array, Array]:
+    def fit(self, pixels: RingPixels, c: Array, omega: float) -> tuple[Array, Array, Array]:
         """Center and ω (3,); curvature (m, m) of the cost, in this order; and residuals (n,).
 
         The center is fitted last: before, it is not well determined.
@@ -48,7 +48,7 @@ class Blades:
         at = p if self.center is None else np.concatenate([self.center, p])
         return at[:3], J.T @ J, e
 
-    def _descended(self, p: Array, pixels: Pixels) -> tuple[Array, Array, Array]:
+    def _descended(self, p: Array, pixels: RingPixels) -> tuple[Array, Array, Array]:
         """Parameters, residuals and their derivatives at the minimum of Huber's loss."""
         damping = 1e-3
         e, J = self._residuals(p, pixels)
@@ -77,7 +77,7 @@ class Blades:
         edges = np.abs(step[free + 1 :]).max(initial=0) / largest
         return float(max(abs(step[free]) / largest, center, edges))
 
-    def _residuals(self, p: Array, pixels: Pixels) -> tuple[Array, Array]:
+    def _residuals(self, p: Array, pixels: RingPixels) -> tuple[Array, Array]:
         alpha, J = self._alpha(p, pixels)
         return (alpha - pixels.alpha) / pixels.std, J / pixels.std[:, None]
 
@@ -88,7 +88,7 @@ class Blades:
         triangle = np.linalg.qr(rho[:, None] ** np.array(_POWERS, float))[1]
         return np.asarray(np.linalg.inv(triangle) * np.sqrt(GRID))
 
-    def _alpha(self, p: Array, pixels: Pixels) -> tuple[Array, Array]:
+    def _alpha(self, p: Array, pixels: RingPixels) -> tuple[Array, Array]:
         """Alpha (n,) and its derivatives (n, m)."""
         free = 2 if self.center is None else 0
         c, omega = (p[:2] if free else self.center), max(float(p[free]), 1e-6)

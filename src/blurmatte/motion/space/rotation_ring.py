@@ -27,7 +27,7 @@ _MAX_SMOOTHING = 32.0  # of `GRID` angles: a wider Gaussian would hide blades
 
 
 @dataclass(frozen=True, eq=False)
-class Pixels:
+class RingPixels:
     """Alpha of pixels (n,) at x, y, and its standard deviation."""
 
     x: Array
@@ -36,9 +36,11 @@ class Pixels:
     std: Array
 
 
-def pixels_at(alpha: Array, std: Array, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]) -> Pixels:
+def pixels_at(
+    alpha: Array, std: Array, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]
+) -> RingPixels:
     """Pixels of a picture at indices y and x, (n,) both."""
-    return Pixels(x.astype(float), y.astype(float), alpha[y, x], std[y, x])
+    return RingPixels(x.astype(float), y.astype(float), alpha[y, x], std[y, x])
 
 
 def ring_around(alpha: Array, use: Bools, c: Array) -> tuple[tuple[float, float], Bools]:
@@ -70,7 +72,7 @@ def _longest(present: Bools) -> tuple[int, int]:
     return int(first), int(end) - 1
 
 
-def blades_of(pixels: Pixels, c: Array, ring: tuple[float, float]) -> list[tuple[float, float]]:
+def blades_of(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> list[tuple[float, float]]:
     """Middle and width, radians, of each blade in the mean over the ring."""
     profile = _profile(pixels, c, ring)
     level = (profile.max() + max(profile.min(), 0)) / 2
@@ -89,7 +91,7 @@ def blades_of(pixels: Pixels, c: Array, ring: tuple[float, float]) -> list[tuple
     return found
 
 
-def _profile(pixels: Pixels, c: Array, ring: tuple[float, float]) -> Array:
+def _profile(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> Array:
     """(720,) mean of alpha over the ring at each angle, with the least smoothing that is significant.
 
     Raises MotionError if alpha does not vary.

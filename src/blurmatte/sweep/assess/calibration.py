@@ -78,7 +78,7 @@ REASONS = {
 
 
 @dataclass(frozen=True)
-class Calibration:
+class ErrorCalibration:
     """The fitted calibration."""
 
     intercept: float  # b
@@ -110,7 +110,7 @@ class Calibration:
 
 
 @cache
-def fitted_calibration() -> Calibration:
+def fitted_calibration() -> ErrorCalibration:
     """The calibration that ships with the package."""
     text = resources.files(__package__).joinpath(_DATA).read_text(encoding="utf-8")
-    return Calibration(**json.loads(text))
+    return ErrorCalibration(**json.loads(text))

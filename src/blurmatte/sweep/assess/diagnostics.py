@@ -7,8 +7,7 @@ import numpy as np
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.fit.candidate import Candidate
-from blurmatte.sweep.fit.feasibility import rejection
+from blurmatte.sweep.fit.ranking import Candidate, rejection
 from blurmatte.sweep.fit.residuals import (
     outlier_fraction,
     residual_excess,

@@ -29,7 +29,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools
 from blurmatte.streaks import dilated
-from blurmatte.sweep.fit.feasibility import MAX_LIGHT, MIN_LIGHT
+from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State

@@ -1,4 +1,4 @@
-"""Correction of a disc for what a clip's codec removed of its change.
+"""Correction of a fit for its file: light that a clip's codec removed, colors that a JPEG blurred.
 
 The blocks of a moving object are new in each frame, and their small coefficients are coded as zero: a
 rim that motion made faint is lost, and the disc seems smaller. In this file L is the light that the
@@ -10,6 +10,9 @@ with path, shape and colors; to first order these move by φ d,
 
 with the curvature H and the gradients g of the cost before and after. The part of the loss that path
 and shape imitate does not determine φ: there its mean is the fitted φ, and its variance the prior one.
+
+`chroma_subsampling` predicts a JPEG file's effect on the light of a sweep. This effect is subtracted
+from the image, and the sweep is fitted again.
 """
 
 from dataclasses import replace
@@ -17,12 +20,17 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.checks import Array
-from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry import SRGB, LinearImage, Transfer
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
-from blurmatte.radiometry.compression import BLOCK
-from blurmatte.radiometry.transform_coding import lost_change
+from blurmatte.radiometry.compression import BLOCK, lost_change
 from blurmatte.statistics import cell_means
-from blurmatte.sweep.fit.residuals import variance_inflation
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
+from blurmatte.sweep.fit.ranking import Candidate
+from blurmatte.sweep.fit.residuals import colors_are_correlated, variance_inflation
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.chroma_subsampling import light_before
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
@@ -81,3 +89,46 @@ def _lost_light(state: State, image: LinearImage, step: float, corner: tuple[int
         planes[..., c] = np.kron(lost_change(cell_means(planes[..., c], 2), step), np.ones((2, 2)))
     lost = cell_means((planes @ np.linalg.inv(matrix).T)[top : top + h, left : left + w], side)
     return np.asarray(light - transfer.decode(np.maximum(codes - lost, 0)))
+
+
+def candidate_before_file(
+    state: State, transfer: Transfer, cast: CastShadow | None = None
+) -> Candidate:
+    """The sweep in the light before its file, if that blurred colors."""
+    known = state.observation.compression is not None
+    if not known and not (state.silhouette.soft and colors_are_correlated(state)):
+        return Candidate(state, cast)
+    blur = chroma_blur_std(state)
+    return Candidate(corrected_for_file(state, transfer), cast, blur)
+
+
+def corrected_for_file(state: State, transfer: Transfer) -> State:
+    """A sweep that was fitted to the light of a file, fitted to its light before the file."""
+    observed, blur = state.observation, chroma_blur_std(state)
+    bounds = state.shape[0] / 2, state.shape[0] * 2
+    for _ in range(2):  # the second correction starts from the shape of the first
+        before = light_before_file(observed, state, transfer, blur)
+        state = minimize(state.relit(before), bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)
+    return state
+
+
+def chroma_blur_std(state: State) -> float:
+    """Standard deviation by which the file blurred chroma, pixels.
+
+    That of the file's compression if known, else the blur of the fitted rim.
+    """
+    compression = state.observation.compression
+    if compression is not None:
+        return compression.spread
+    return min(state.silhouette.softness(state.shape), MAX_FILE_BLUR_PX)
+
+
+def light_before_file(
+    observed: Observation, state: State, transfer: Transfer, blur: float
+) -> Observation:
+    """An observation corrected for the file's effect on the light that a state predicts."""
+    alpha = state.swept.alpha
+    own = state.field.light(alpha) @ state.observation.color.axes.T
+    file = observed.file(transfer, blur)
+    light = light_before(observed.C, observed.B, alpha, own, file, transfer)
+    return replace(observed.with_light(light), color=state.observation.color)

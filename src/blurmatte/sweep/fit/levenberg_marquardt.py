@@ -3,9 +3,8 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Bools
 from blurmatte.sweep.model.state import State
 
 ROUGH_TOLERANCE = 0.1  # units of log likelihood, on large pixels, and where fits are compared
@@ -85,7 +84,7 @@ def _ended(state: State, bounds: tuple[float, float]) -> State:
     return replace(state, converged=bool(bounds[0] < state.shape[0] < bounds[1]))
 
 
-def _held(state: State, g: Array, bounds: tuple[float, float]) -> npt.NDArray[np.bool_]:
+def _held(state: State, g: Array, bounds: tuple[float, float]) -> Bools:
     """(size,) which parameters are at a bound that a step along −g would cross."""
     n = len(state.path)
     beyond = state.shape - 1e-9 * np.sign(g[n:])

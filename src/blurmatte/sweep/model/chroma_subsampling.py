@@ -20,7 +20,7 @@ from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, LinearImage, T
 
 
 @dataclass(frozen=True)
-class Blur:
+class ChromaBlur:
     """A file with a Gaussian blur of chroma."""
 
     std: float  # standard deviation of the blur, pixels
@@ -58,7 +58,7 @@ class Compressed:
         return self.compression.expected(codes, self.noise)
 
 
-File = Blur | Compressed
+File = ChromaBlur | Compressed
 
 
 def file_of(image: LinearImage) -> Compressed | None:

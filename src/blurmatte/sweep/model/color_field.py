@@ -2,7 +2,7 @@
 
 Motion blurs the texture of an object, so that its color changes little within a fraction of its radius.
 In this file α k is the light of the object, k = Σ_j φ_j k_j with bilinear hats φ_j
-around the nodes j of a grid, and along each axis c of color space (`color_prior`)
+around the nodes j of a grid, and along each axis c of color space (`ColorPrior`)
 
     e = (C − (1 − α) B − α k) / √V,    V = V_C + (1 − α)² V_B
 
@@ -15,21 +15,23 @@ change from node to node, are estimated. An object of one paint has a spread alo
 alone, for shading varies; one of two paints, or in the light of two lamps, along two axes. The cost
 includes the volume of the posterior: it is the negative log marginal likelihood of alpha, and the
 same model holds for objects of one color and of many.
+
+The axes of `ColorPrior` are orthonormal directions of linear RGB along which colors vary
+independently. The first axes span the color model; along the others colors deviate from it by no more
+than its error.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array
+from blurmatte.color.model import ColorModel
 from blurmatte.sweep.model import color_field_kernel
-from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
-Indices = npt.NDArray[np.int64]
 Light = tuple[Array, Array, Array, Array]
-
 
 # Settings of the fit of a field.
 _ROUNDS = 4  # of the colors, then their spread and the pixels' weights
@@ -40,12 +42,48 @@ _MIN_LENGTH = 1e-3  # of the mean color, linear light
 
 
 @dataclass(frozen=True, eq=False)
+class ColorPrior:
+    """Axes of color space, and the spread of colors along them."""
+
+    axes: Array  # (3, 3) float: orthonormal columns, linear RGB
+    rank: int = 3  # number of axes along which the mean color is free; 3 if nothing is known
+    # Number of axes along which the spread of colors is estimated; it is small along the others
+    varied: int = 3
+    # Standard deviation of the angle between colors and the first `rank` axes, radians
+    angle_std: float = 0.0
+
+    @property
+    def of_one_paint(self) -> "ColorPrior":
+        """The same for an object of which only the brightness varies."""
+        return replace(self, varied=1)
+
+    @classmethod
+    def of(cls, model: ColorModel | None) -> "ColorPrior":
+        """The prior of a color model; without one, or with one of rank 3, nothing is known."""
+        if model is None or model.rank == 3:
+            return cls(np.eye(3))
+        axes = np.linalg.svd(model.basis)[0]
+        axes[:, 0] *= np.sign(axes[:, 0].sum())
+        std = np.radians(model.angle_std) if model.covariance.any() else 0.0
+        std = float(np.hypot(std, 1e-3))  # radians, of a model without an error
+        return cls(axes, model.rank, model.rank, std)
+
+    @classmethod
+    def along(cls, mean: Array, moments: Array) -> "ColorPrior":
+        """No prior knowledge: axes along a mean color (3,) and the second moments (3, 3) about it."""
+        unit = mean / max(float(np.linalg.norm(mean)), 1e-12)
+        across = np.eye(3) - np.outer(unit, unit)
+        _, vectors = np.linalg.eigh(across @ moments @ across + 1e-12 * across)
+        return cls(np.column_stack([unit, *vectors.T[:0:-1]]))
+
+
+@dataclass(frozen=True, eq=False)
 class Grid:
     """Nodes of the cells that an object covered."""
 
     pitch: float  # pixels from node to node
-    number: Indices  # number of each node, −1 where there is none
-    neighbors: Indices  # pairs of adjacent nodes, the lower number first
+    number: npt.NDArray[np.int64]  # number of each node, −1 where there is none
+    neighbors: npt.NDArray[np.int64]  # pairs of adjacent nodes, the lower number first
     width: int  # of the lower band of a matrix that couples nodes of one cell
 
     @classmethod
@@ -151,6 +189,6 @@ def fit_field(
     return field, e
 
 
-def _pairs(a: Indices, b: Indices) -> Indices:
+def _pairs(a: npt.NDArray[np.int64], b: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     both = (a >= 0) & (b >= 0)
     return np.sort(np.stack([a[both], b[both]]), axis=0)

@@ -8,10 +8,9 @@ import numpy as np
 from blurmatte.checks import Array, Bools
 from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
 from blurmatte.statistics import block_squares, cell_means
-from blurmatte.streaks.morphology import dilated
-from blurmatte.streaks.streak import Streak
-from blurmatte.sweep.model.chroma_subsampling import Blur, Compressed, File
-from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.streaks.streak import Streak, dilated
+from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.pixels import Pixels
 
@@ -103,7 +102,7 @@ class Observation:
     def file(self, transfer: Transfer, blur: float) -> File:
         """The image's file: its own compression if known, else a blur of so many pixels."""
         if self.compression is None:
-            return Blur(blur / self.scale)
+            return ChromaBlur(blur / self.scale)
         variance = self.C_variance / self.noise_inflation
         return Compressed.of(self.compression, self.C, variance, transfer)
 

@@ -44,7 +44,7 @@ class TimeSampling:
 
 
 @dataclass(frozen=True, eq=False)
-class Swept:
+class SweptAlpha:
     """Alpha, and its derivatives by the parameters of the path and then those of the shape.
 
     Parameters
@@ -161,7 +161,7 @@ class Silhouette:
         jagged = np.linalg.norm(self._coefficients(shape))
         return bool(long > _MAX_LOG_STRETCH or jagged > _MAX_COEFFICIENTS)
 
-    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> Swept:
+    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
         """Alpha of a shape that moves along a path, which may leave the pixels.
 
         The parameters of path (n,) and shape (m,) are in pixels of the picture.
@@ -187,7 +187,7 @@ class Silhouette:
             J[..., -1] /= scale
         if self.opacity < 1:
             alpha, J = self.opacity * alpha, self.opacity * J
-        return Swept(alpha, J)
+        return SweptAlpha(alpha, J)
 
     def rim(self, shape: Array, scale: float = 1.0) -> tuple[Array, float, float, float, Array]:
         """Distances from the rim on a lattice, in pixels of a width: `rim_kernel.lattice_around`."""

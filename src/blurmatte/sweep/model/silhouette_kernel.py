@@ -15,9 +15,9 @@ subtracted.
 import math
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtr
 
+from blurmatte.checks import Array
 from blurmatte.compiling import njit
 from blurmatte.sweep.model.rim_kernel import MAX_DISTANCE_STD, reach_of, variance_of
 
@@ -44,7 +44,7 @@ def covered(s, nx, ny):  # type: ignore[no-untyped-def]
     return (1 - beyond if s > 0 else beyond), rest / (a * b)
 
 
-def _tabulated() -> npt.NDArray[np.float64]:
+def _tabulated() -> Array:
     """Profile of an edge of variance 1, its density and two derivatives of that, at nodes (k, 4).
 
     A disc's edge has the density of half an ellipse. Chebyshev's nodes of the second kind integrate it

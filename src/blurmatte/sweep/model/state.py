@@ -9,7 +9,7 @@ from blurmatte.checks import Array
 from blurmatte.sweep.model.color_field import ColorField, fit_field
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
-from blurmatte.sweep.model.silhouette import Silhouette, Swept
+from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha
 from blurmatte.sweep.model.student_t import loss, student_weight
 
 
@@ -22,7 +22,7 @@ class State:
     path: Array  # (n,) float
     silhouette: Silhouette  # kind of the shape
     shape: Array  # (m,) float
-    swept: Swept  # alpha and its derivatives
+    swept: SweptAlpha  # alpha and its derivatives
     field: ColorField  # the colors
     e: Array  # (3, h, w) float: residuals of unit variance, along the observation's axes of color
     cost: float  # negative log marginal likelihood

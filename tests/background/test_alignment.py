@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
 
-from blurmatte.background.alignment_kernel import compare
+from blurmatte.background.alignment import compare
 from blurmatte.background.warp import (
     homography,
     map_points,

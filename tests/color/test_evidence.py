@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from blurmatte.color import posterior as module
-from blurmatte.color.posterior import posterior, unit
+from blurmatte.color import evidence as module
+from blurmatte.color.evidence import posterior, unit
 
 BEST = unit(np.array([0.3, 0.36, 0.88]))
 AXES = np.linalg.svd(BEST[:, None])[0][:, 1:]
