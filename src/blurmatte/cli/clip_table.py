@@ -160,11 +160,11 @@ def words(rows: Rows, color: str, several: bool) -> list[str]:
     said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
     if not found:
         return [said[0], f"{said[1]}."]
-    swept = sum(one.source == "sweep" for one in found)
+    swept = sum(one.motion.source == "sweep" for one in found)
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
     tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
-    doubted = sum(bool(one.doubts) for one in found)
+    doubted = sum(bool(one.motion.doubts) for one in found)
     how = (
         f"{swept} measured from a shape on a path, {len(found) - swept} from the moments of alpha; of "
         f"{directed} the direction of time is known, and {doubted} "
@@ -183,7 +183,7 @@ def median_radius(rows: Rows) -> Length:
     middle, scatter = _median_and_scatter(found)
     # The median of normal numbers scatters by √(π/2) times as much as their mean.
     std = math.sqrt(math.pi / 2 / len(found)) * scatter
-    return middle, max(std, min(one.radius_std for one in found))
+    return middle, max(std, min(one.motion.radius_std for one in found))
 
 
 def _reliable(rows: Rows) -> list[bm.motion.Sighting]:
@@ -202,7 +202,7 @@ def _radius(found: Sequence[bm.motion.Sighting]) -> str:
 
 def _median_and_scatter(found: Sequence[bm.motion.Sighting]) -> Length:
     """Median of the radii, and their standard deviation if they are normal, by the median deviation."""
-    radii = [one.radius for one in found]
+    radii = [one.motion.radius for one in found]
     middle = statistics.median_high(radii)
     deviation = statistics.median_high([abs(radius - middle) for radius in radii])
     return middle, deviation / statistics.NormalDist().inv_cdf(0.75)
@@ -241,9 +241,11 @@ def _moved(one: bm.motion.Sighting | None, scale: bm.Scale | None) -> Length | N
     if one is None:
         return None
     if scale is None:
-        return one.length, one.length_std
+        return one.motion.length, one.motion.length_std
     by = scale.meters_per_pixel
-    return by * one.length, math.hypot(by * one.length_std, scale.std * one.length)
+    return by * one.motion.length, math.hypot(
+        by * one.motion.length_std, scale.std * one.motion.length
+    )
 
 
 def _in_space(rows: Rows, places: Places) -> list[str]:

@@ -53,9 +53,9 @@ class KnownBall:
             return None
         if ball.length is not None and ball.length_std is not None:
             return ball.length, ball.length_std
-        pixel = ball.distance / float(self.lens.magnification(seen.place))
-        from_distance = seen.length * ball.distance_std / ball.distance
-        return pixel * seen.length, pixel * math.hypot(seen.length_std, from_distance)
+        pixel = ball.distance / float(self.lens.magnification(seen.motion.center))
+        from_distance = seen.motion.length * ball.distance_std / ball.distance
+        return pixel * seen.motion.length, pixel * math.hypot(seen.motion.length_std, from_distance)
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,10 @@ def _read_out(row: bm.motion.FrameMotion, readout: Direction) -> bm.motion.Frame
     """The row of a camera whose next row lies in this direction."""
     if row.sighting is None:
         return row
-    return replace(row, sighting=replace(row.sighting, readout=readout))
+    return replace(
+        row,
+        sighting=replace(row.sighting, measured=replace(row.sighting.measured, readout=readout)),
+    )
 
 
 def _kept(

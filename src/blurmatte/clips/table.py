@@ -88,7 +88,7 @@ class FrameRecord:
             alpha_error=float(solution.stats["alpha_error"]),
             box=None if whole.empty else whole.box,
             layer=layer,
-            doubts="" if row.sighting is None else row.sighting.doubts,
+            doubts="" if row.sighting is None else " ".join(row.sighting.motion.doubts),
         )
 
     def numbers(self) -> dict[str, Any]:
