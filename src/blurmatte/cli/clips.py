@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -49,13 +48,9 @@ class KnownBall:
         self, ball: bm.motion.BallPlace | None, seen: bm.motion.Sighting | None
     ) -> tuple[float, float] | None:
         """Path length within the exposure and its error, meters; of a disc parallel to the picture."""
-        if ball is None or seen is None:
-            return None
-        if ball.length is not None and ball.length_std is not None:
-            return ball.length, ball.length_std
-        pixel = ball.distance / float(self.lens.magnification(seen.motion.center))
-        from_distance = seen.motion.length * ball.distance_std / ball.distance
-        return pixel * seen.motion.length, pixel * math.hypot(seen.motion.length_std, from_distance)
+        from blurmatte.motion.clip.speed import path_length_in_space
+
+        return path_length_in_space(ball, seen, self.lens)
 
 
 @dataclass(frozen=True)
