@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from PIL import Image
+from tests.motion.clip.sightings import sighted
 from typer.testing import CliRunner
 
 import blurmatte as bm
@@ -72,12 +73,15 @@ def test_table_matches_rendered_motion(track, tmp_path):
     assert not (tmp_path / "t.csv.unfinished").exists()
 
 
+def turned_left(seen):
+    """Of a sensor whose next row lies to the left."""
+    return replace(seen, measured=replace(seen.measured, readout="left"))
+
+
 def test_speed_allows_for_rolling_shutter():
     """Exact: length / (T + τ Δy); half of the correction if the direction is unknown."""
-    down = bm.motion.Sighting(
-        60, 40, 0.1, 0.1, 0.0, 6, 8, 0.1, 0.1, 100.0, 0.0, 0.9, 0.01, 5.0, 0.1,
-        30, 0, 90, 80, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
-    )  # fmt: skip
+    ends = (30, 0), (90, 80)
+    down = sighted((60, 40), (6, 8), length=100.0, length_std=0.0, ends=ends)
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
     rows = [bm.motion.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
     known = KnownQuantities(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
@@ -89,7 +93,7 @@ def test_speed_allows_for_rolling_shutter():
     assert stds == pytest.approx([0, 0, (fast - slow) / 2], abs=1e-9)
     per_exposure = table(rows, None, [], replace(known, time=None))
     assert [line["speed"] for line in per_exposure[:3]] == [100.0] * 3
-    turned = [replace(row, sighting=s and replace(s, readout="left"))
+    turned = [replace(row, sighting=s and turned_left(s))
               for row, (s, _) in zip(rows, seen, strict=True)]  # fmt: skip
     speeds = [line["speed"] for line in table(turned, None, [], known)[:2]]
     assert speeds == pytest.approx([100 / 0.0088, 100 / 0.0112])  # 60 columns from right to left

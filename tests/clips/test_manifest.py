@@ -2,12 +2,15 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from tests.motion.clip.sightings import sighted
 
 from blurmatte.clips.manifest import Finished, key_of, opened_manifest
 from blurmatte.clips.table import FrameRecord
 from blurmatte.errors import FileError
-from blurmatte.motion import FrameSightings
+from blurmatte.motion import FrameMotion, FrameSightings
 
 SEEN = Finished(1, seen=FrameSightings(1, 0.04, (), "nothing moved"))
 LAYER = Finished(1, layer=FrameRecord(1, 0.04, 1, 1, x=3.5, box=(1, 2, 3, 4), layer="layer.exr"))
@@ -30,6 +33,23 @@ def test_lines_are_read_again_and_a_cut_off_one_is_not(path):
         manifest.append(second)
     with opened_manifest(path, "a", Finished) as manifest:
         assert manifest.finished == [SEEN, LAYER, second]
+
+
+def test_detections_are_read_again_with_all_numbers(path):
+    """Exact: each number of the row, and what the next frames are linked by; None where none is."""
+    one = replace(sighted((3.1, 4.2), (-5.0, 0.3), doubts=("Hidden.",)), path_scatter=1.5)
+    accelerated = replace(one.measured, acceleration=np.array([0.1, 1 / 3]), exposure_time=0.01)
+    frame = FrameSightings(2, None, (one, replace(one, measured=accelerated)), "a", 3)
+    with opened_manifest(path, "a", Finished) as manifest:
+        manifest.append(Finished(1, seen=frame))
+    with opened_manifest(path, "a", Finished) as manifest:
+        (line,) = manifest.finished
+    assert replace(line.seen, found=()) == replace(frame, found=())
+    for a, b in zip(line.seen.found, frame.found, strict=True):
+        assert FrameMotion(2, None, a).numbers() == FrameMotion(2, None, b).numbers()
+        assert a.measured.numbers() == b.measured.numbers()
+        assert_array_equal(a.measured.covariance, b.measured.covariance)
+        assert (a.measured.size, a.backward) == (b.measured.size, b.backward)
 
 
 def test_other_inputs_begin_anew(path):

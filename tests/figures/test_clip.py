@@ -5,13 +5,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.motion.clip.sightings import sighted
 
 from blurmatte.figures import ClipPhysics, Matte, draw_clip
 from blurmatte.figures.clip import charts_of
 from blurmatte.figures.drawing import Palette
 from blurmatte.figures.sheet import Canvas
 from blurmatte.layer import Layer
-from blurmatte.motion import BallPlace, FrameMotion, Scale, Sighting
+from blurmatte.motion import BallPlace, FrameMotion, Scale
 from blurmatte.radiometry import LinearImage
 
 PLATE = LinearImage(np.full((90, 120, 3), 0.05))
@@ -19,11 +20,7 @@ BLUE, ORANGE = (0x1F, 0x77, 0xB4), (0xFF, 0x7F, 0x0E)  # the first two of the pa
 
 
 def row(k, number, y, doubts=""):
-    x = 20.0 + 15 * k
-    s = Sighting(
-        x, y, 0.1, 0.1, 0.0, 6.0, 0.0, 0.1, 0.1, 6.0, 0.1, 0.0, 0.01, 5.0, 0.05,
-        x - 3, y, x + 3, y, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, doubts,
-    )  # fmt: skip
+    s = sighted((20.0 + 15 * k, y), (6.0, 0.0), radius_std=0.05, doubts=(doubts,) if doubts else ())
     return FrameMotion(k, k / 30, s, number, True, object=number)
 
 

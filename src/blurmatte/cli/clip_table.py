@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, TypeAlias
@@ -35,6 +34,8 @@ class KnownQuantities:
 
     def scale(self, rows: Rows) -> bm.Scale | None:
         """Meters per pixel of the object in these rows."""
+        from blurmatte.motion.clip.speed import median_radius  # imports all of the library
+
         if self.moved_in_space is not None:
             return None
         if not self.by_size:
@@ -78,8 +79,10 @@ def summaries(
 
 
 def _summary(number: int, rows: Rows, places: Places | None, known: KnownQuantities) -> Summary:
+    from blurmatte.motion.clip.speed import reliable  # imports all of the library
+
     scale = known.scale(rows)
-    found = _reliable(rows)
+    found = reliable(rows)
     words = [_radius(found)] if found and places is None else []
     scatter = bm.motion.frame_scatter(rows)
     words += [] if scatter is None else bm.explain(scatter)
@@ -115,18 +118,23 @@ def table(
     rows: Rows, places: Places | None, found: Sequence[Summary], known: KnownQuantities
 ) -> list[dict[str, Any]]:
     """All numbers of each frame, with the speed in the best unit that is known."""
+    from blurmatte.motion.clip.speed import mean_speed, path_length  # imports all of the library
+
     scales = {one.number: one.scale for one in found}
     lines = []
     for k, row in enumerate(rows):
         place: dict[str, Any] = {}
         if places is None or known.moved_in_space is None:
             scale = scales.get(row.object or 1)
-            unit, moved = "px" if scale is None else "m", _moved(row.sighting, scale)
+            unit, moved = "px" if scale is None else "m", path_length(row.sighting, scale)
         else:
             ball = places[k]
             unit, moved = "m", known.moved_in_space(ball, row.sighting)
             place = dict.fromkeys(bm.motion.BallPlace.names) if ball is None else ball.numbers()
-        lines.append(_numbers(row, known) | place | _speed(moved, unit, known, row))
+        speed, std = mean_speed(row, moved, known.time, known.line_time) or (None, None)
+        unit += "/exposure" if known.time is None else "/s"
+        of_speed = {"speed": speed, "speed_std": std, "speed_unit": unit}
+        lines.append(_numbers(row, known) | place | of_speed)
     return lines
 
 
@@ -162,11 +170,11 @@ def words(rows: Rows, color: str, several: bool) -> list[str]:
     said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
     if not found:
         return [said[0], f"{said[1]}."]
-    swept = sum(one.source == "sweep" for one in found)
+    swept = sum(one.motion.source == "sweep" for one in found)
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
     tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
-    doubted = sum(bool(one.doubts) for one in found)
+    doubted = sum(bool(one.motion.doubts) for one in found)
     how = (
         f"{swept} measured from a shape on a path, {len(found) - swept} from the moments of alpha; of "
         f"{directed} the direction of time is known, and {doubted} "
@@ -175,77 +183,14 @@ def words(rows: Rows, color: str, several: bool) -> list[str]:
     return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}"]
 
 
-def median_radius(rows: Rows) -> Length:
-    """Median of the radii, pixels, and its error from their scatter."""
-    found = _reliable(rows)
-    if not found:
-        raise bm.errors.MotionError(
-            "the object was found in no frame, so that its size gives no scale"
-        )
-    middle, scatter = _median_and_scatter(found)
-    # The median of normal numbers scatters by √(π/2) times as much as their mean.
-    std = math.sqrt(math.pi / 2 / len(found)) * scatter
-    return middle, max(std, min(one.radius_std for one in found))
-
-
-def _reliable(rows: Rows) -> list[bm.motion.Sighting]:
-    """The detections off the border and without doubts, or all if there are no others."""
-    found = [row.sighting for row in rows if row.sighting is not None]
-    return [one for one in found if one.is_sound] or found
-
-
 def _radius(found: Sequence[bm.motion.Sighting]) -> str:
-    middle, scatter = _median_and_scatter(found)
+    from blurmatte.motion.clip.speed import median_and_scatter
+
+    middle, scatter = median_and_scatter(found)
     return (
         f"Radius {middle:.2f} px in the middle of all; they vary by {scatter / middle:.1%} "
         "(1.48 times the median of the differences)."
     )
-
-
-def _median_and_scatter(found: Sequence[bm.motion.Sighting]) -> Length:
-    """Median of the radii, and their standard deviation if they are normal, by the median deviation."""
-    radii = [one.radius for one in found]
-    middle = statistics.median_high(radii)
-    deviation = statistics.median_high([abs(radius - middle) for radius in radii])
-    return middle, deviation / statistics.NormalDist().inv_cdf(0.75)
-
-
-def _speed(
-    moved: Length | None, unit: str, known: KnownQuantities, row: bm.motion.FrameMotion
-) -> dict[str, Any]:
-    """Mean speed within the exposure and its error, from the path length.
-
-    A rolling shutter shows what moves towards later rows for longer than the exposure, and what moves
-    towards earlier ones for less. If the direction is not known, half of the difference is an error.
-    """
-    unit += "/exposure" if known.time is None else "/s"
-    T, T_std = known.time or (1.0, 0.0)
-    shares = [T / D for D in _durations(row, known) if D > 0]
-    if moved is None or not shares:
-        return {"speed": None, "speed_std": None, "speed_unit": unit}
-    length, std = moved
-    share, apart = (max(shares) + min(shares)) / 2, (max(shares) - min(shares)) / 2
-    error = math.hypot(std * share, length * share * T_std / T, length * apart)
-    return {"speed": length * share / T, "speed_std": error / T, "speed_unit": unit}
-
-
-def _durations(row: bm.motion.FrameMotion, known: KnownQuantities) -> list[float]:
-    """How long it may have been seen, in seconds, or exposures if their time is not known."""
-    if known.time is None or row.sighting is None:
-        return [1.0]
-    _, first, last = row.sighting.rows
-    later = known.line_time * (last - first)
-    return [known.time[0] + sign * later for sign in ((1,) if row.directed else (1, -1))]
-
-
-def _moved(one: bm.motion.Sighting | None, scale: bm.Scale | None) -> Length | None:
-    """Path length within the exposure, pixels or meters, and its error."""
-    if one is None:
-        return None
-    if scale is None:
-        return one.length, one.length_std
-    by = scale.meters_per_pixel
-    return by * one.length, math.hypot(by * one.length_std, scale.std * one.length)
 
 
 def _in_space(rows: Rows, places: Places) -> list[str]:

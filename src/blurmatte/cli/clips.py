@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -49,13 +48,9 @@ class KnownBall:
         self, ball: bm.motion.BallPlace | None, seen: bm.motion.Sighting | None
     ) -> tuple[float, float] | None:
         """Path length within the exposure and its error, meters; of a disc parallel to the picture."""
-        if ball is None or seen is None:
-            return None
-        if ball.length is not None and ball.length_std is not None:
-            return ball.length, ball.length_std
-        pixel = ball.distance / float(self.lens.magnification(seen.place))
-        from_distance = seen.length * ball.distance_std / ball.distance
-        return pixel * seen.length, pixel * math.hypot(seen.length_std, from_distance)
+        from blurmatte.motion.clip.speed import path_length_in_space
+
+        return path_length_in_space(ball, seen, self.lens)
 
 
 @dataclass(frozen=True)
@@ -197,7 +192,10 @@ def _read_out(row: bm.motion.FrameMotion, readout: Direction) -> bm.motion.Frame
     """The row of a camera whose next row lies in this direction."""
     if row.sighting is None:
         return row
-    return replace(row, sighting=replace(row.sighting, readout=readout))
+    return replace(
+        row,
+        sighting=replace(row.sighting, measured=replace(row.sighting.measured, readout=readout)),
+    )
 
 
 def _kept(

@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -125,7 +125,7 @@ def solve_row(
                     say("\n".join(one.lines))
                 lower += _is_lower(path, one.record.grade, required)
     if row.several:
-        bm.write(row.out / TABLE, [asdict(record) for record in records])
+        bm.write(row.out / TABLE, [record.numbers() for record in records])
     refused = sum(bool(record.reason) for record in records)
     if row.several and not as_json:
         say(_summary(len(records), len(done), refused))

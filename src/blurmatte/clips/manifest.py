@@ -16,16 +16,42 @@ from dataclasses import asdict, dataclass, field
 from importlib.metadata import version
 from io import FileIO
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Annotated, Any, Generic, TypeVar
 from zlib import crc32
+
+import numpy as np
+from pydantic import PlainValidator
 
 from blurmatte.clips.table import FrameRecord, PictureRecord
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_json
-from blurmatte.motion import FrameSightings
+from blurmatte.motion import FrameSightings, Motion, Sighting
+from blurmatte.trajectory import Trajectory
 
 NAME = "manifest.jsonl"
+_ARRAYS = "values", "covariance", "speeds", "speeds_std", "acceleration", "acceleration_covariance"
 _HASHED_BYTES = 1 << 20  # of the beginning and of the end of a file
+
+
+def _sightings(value: Any) -> FrameSightings | None:
+    """The detections of a line, from what `asdict` made of them; ValueError if they are others."""
+    if value is None:
+        return None
+    try:
+        found = tuple(
+            Sighting(**one | {"measured": _motion(one["measured"])}) for one in value["found"]
+        )
+        return FrameSightings(**value | {"found": found})
+    except (KeyError, TypeError) as error:
+        raise ValueError(f"must hold detections, got {error}") from error
+
+
+def _motion(value: dict[str, Any]) -> Motion:
+    """The same of a motion, whose fields are arrays and a trajectory."""
+    arrays = {name: np.array(one, float) for name, one in value.items() if name in _ARRAYS and one}
+    path = {"trajectory": Trajectory(**value["trajectory"])}
+    tuples = {"size": tuple(value["size"]), "doubts": tuple(value["doubts"])}
+    return Motion(**value | arrays | path | tuples)
 
 
 @dataclass(frozen=True)
@@ -41,7 +67,7 @@ class Finished:
     """
 
     shot: int
-    seen: FrameSightings | None = None
+    seen: Annotated[FrameSightings | None, PlainValidator(_sightings)] = None
     layer: FrameRecord | None = None
 
 
@@ -92,7 +118,7 @@ class Manifest(Generic[Line]):
         self.finished.append(one)
         if self.file is not None and self.path is not None:
             with _reported(self.path):
-                text = json.dumps(asdict(one), ensure_ascii=False).encode()
+                text = json.dumps(asdict(one), ensure_ascii=False, default=_listed).encode()
                 self.file.write(_checksum(text) + text + b"\n")
 
 
@@ -122,6 +148,11 @@ def opened_manifest(path: Path, key: str, kind: type[Line]) -> Iterator[Manifest
     finally:
         if not manifest.finished:
             path.unlink(missing_ok=True)
+
+
+def _listed(value: Any) -> Any:
+    """An array as nested lists."""
+    return value.tolist()
 
 
 def _head(key: str) -> bytes:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 from typing import Any
 
 from blurmatte.checks import Box
 from blurmatte.errors import MotionError
 from blurmatte.matting import Solution
 from blurmatte.motion import FrameMotion, measure_motion
+from blurmatte.motion.columns import Column, numbers_of
 
 
 @dataclass(frozen=True)
@@ -88,15 +91,12 @@ class FrameRecord:
             alpha_error=solution.stats.alpha_error,
             box=None if whole.empty else whole.box,
             layer=layer,
-            doubts="" if row.sighting is None else row.sighting.doubts,
+            doubts="" if row.sighting is None else " ".join(row.sighting.motion.doubts),
         )
 
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table."""
-        row = asdict(self)
-        box = row.pop("box")
-        names = ("x0", "y0", "x1", "y1")
-        return row | dict(zip(names, box or (None,) * 4, strict=True))
+        return numbers_of(FRAME_COLUMNS, self)
 
 
 @dataclass(frozen=True)
@@ -165,6 +165,38 @@ class PictureRecord:
             angle=_finite(angle),
             angle_std=_finite(std),
         )
+
+    def numbers(self) -> dict[str, Any]:
+        """All by name, flat, for a row of a table."""
+        return numbers_of(PICTURE_COLUMNS, self)
+
+
+_PIXELS = dict.fromkeys(
+    ("x", "y", "radius", "radius_std", "length", "length_std", "sum_alpha", "sum_alpha_std"), "px"
+)
+
+
+def _columns(names: Iterable[str], **units: str) -> Iterator[Column[Any]]:
+    """Columns of the fields of a record, in order, with their units."""
+    known = _PIXELS | units
+    return (Column(name, known.get(name, ""), attrgetter(name)) for name in names)
+
+
+def _edge(k: int, box: Box | None) -> int | None:
+    """One of the four edges of a box, if there is one."""
+    return None if box is None else box[k]
+
+
+FRAME_COLUMNS: tuple[Column[FrameRecord], ...] = (
+    *_columns((one.name for one in fields(FrameRecord) if one.name != "box"), time="s"),
+    Column("x0", "px", lambda record: _edge(0, record.box)),
+    Column("y0", "px", lambda record: _edge(1, record.box)),
+    Column("x1", "px", lambda record: _edge(2, record.box)),
+    Column("y1", "px", lambda record: _edge(3, record.box)),
+)
+PICTURE_COLUMNS: tuple[Column[PictureRecord], ...] = (
+    *_columns((one.name for one in fields(PictureRecord)), angle="°", angle_std="°"),
+)
 
 
 def _finite(value: float) -> float | None:

@@ -29,7 +29,7 @@ from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace
-from blurmatte.motion.picture.motion import Scale
+from blurmatte.motion.picture.motion import Motion, Scale
 from blurmatte.radiometry import LinearImage
 
 MAX_PICTURE_HEIGHT = 1300  # pixels of the sheet
@@ -215,7 +215,11 @@ def _draw_scale_bar(pen: Any, size: tuple[int, int], per_meter: float) -> None:
 
 
 def _doubted(row: FrameMotion) -> bool:
-    return row.sighting is not None and bool(row.sighting.doubts)
+    return row.sighting is not None and bool(row.sighting.motion.doubts)
+
+
+def _motion(row: FrameMotion) -> Motion | None:
+    return None if row.sighting is None else row.sighting.motion
 
 
 def _objects(found: Sequence[FrameMotion]) -> dict[int, list[FrameMotion]]:
@@ -251,15 +255,15 @@ def _draw_path(
         if a.track != b.track or _doubted(a) or _doubted(b):
             continue
         if a.sighting is not None and b.sighting is not None:
-            draw_line(pen, [a.sighting.place, b.sighting.place], scale, between)
-    for s in (row.sighting for row in path if row.sighting is not None):
-        ends = np.array([(s.first_x, s.first_y), (s.last_x, s.last_y)])
+            draw_line(pen, [a.sighting.motion.center, b.sighting.motion.center], scale, between)
+    for s in (row.sighting.motion for row in path if row.sighting is not None):
+        ends = s.trajectory.xy[[0, -1]]
         if s.doubts:
             _draw_dashes(pen, ends, scale, between)
             continue
         draw_line(pen, ends, scale, Palette.bright)
-        for axis in enlarged * principal_axes(s.covariance):
-            draw_line(pen, [s.place - axis, s.place + axis], scale, crosses)
+        for axis in enlarged * principal_axes(s.center_covariance):
+            draw_line(pen, [s.center - axis, s.center + axis], scale, crosses)
 
 
 def _draw_dashes(pen: Any, ends: Array, scale: float, color: Color) -> None:
@@ -276,7 +280,7 @@ def _number(pen: Any, number: int, path: Sequence[FrameMotion], scale: float) ->
 
     first = path[0].sighting
     assert first is not None
-    x, y = scale * np.array([first.x, first.y - 1.5 * first.radius])
+    x, y = scale * (first.motion.center - (0, 1.5 * first.motion.radius))
     font = ImageFont.load_default(Page.title_size)
     box = pen.textbbox((x, y), str(number), font, anchor="mb")
     pen.rectangle((box[0] - 5, box[1] - 4, box[2] + 5, box[3] + 4), fill=Palette.ground)
@@ -287,7 +291,7 @@ def _enlarged(sights: Sequence[Sighting], scale: float) -> float:
     """Factor at which a cross of median size is visible."""
     if not sights:
         return 1.0
-    usual = float(np.median([np.hypot(s.x_std, s.y_std) for s in sights]))
+    usual = float(np.median([np.hypot(*s.motion.center_std) for s in sights]))
     return ellipse_enlargement(usual, 20 / scale)
 
 
@@ -348,8 +352,8 @@ class _Charts:
 def charts_of(rows: Sequence[FrameMotion], physics: ClipPhysics) -> _Charts:
     """Charts of place, speed and radius, in meters where they are known."""
     charts = _in_picture(rows, physics) if physics.places is None else _in_space(physics.places)
-    sights = (row.sighting for row in rows)
-    radii = [None if one is None else (one.radius, one.radius_std) for one in sights]
+    motions = map(_motion, rows)
+    radii = [None if one is None else (one.radius, one.radius_std) for one in motions]
     return _Charts(rows, [*charts, _Chart("radius, px", radii, from_zero=True)], physics.falls)
 
 
@@ -385,9 +389,9 @@ def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Char
         if not scaled or first is None:
             return np.asarray(at[:, axis])
         sign = (1, -1)[axis] * physics.scales[number].meters_per_pixel
-        return np.asarray(sign * (at[:, axis] - first.place[axis]))
+        return np.asarray(sign * (at[:, axis] - first.motion.center[axis]))
 
-    seen = [(row.object or 1, row.sighting) for row in rows]
+    seen = [(row.object or 1, _motion(row)) for row in rows]
     charts = []
     for axis, label in enumerate(("x, m", "height, m") if scaled else ("x, px", "y, px")):
         values: list[tuple[float, float] | None] = []
@@ -396,8 +400,8 @@ def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Char
                 values.append(None)
                 continue
             unit = physics.scales[number].meters_per_pixel if scaled else 1.0
-            std = unit * (one.x_std, one.y_std)[axis]
-            values.append((float(position(axis, number, one.place[None])[0]), std))
+            std = unit * float(one.center_std[axis])
+            values.append((float(position(axis, number, one.center[None])[0]), std))
         down = axis == 1 and not scaled
         charts.append(_Chart(label, values, partial(position, axis), downward=down))
     label, speeds = "speed, m/s", physics.speeds

@@ -1,7 +1,5 @@
 """Repeated and missing frames: decided from the errors of the places."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.motion.clip.test_linking import sighting
@@ -18,7 +16,7 @@ def linked(places, std=0.1, seed=1, repeats=(), rate=30, times=None):
         if k in repeats and before is not None:
             error = before + rng.normal(0, std / 5, 2)
         before = error
-        one = replace(sighting(place + error, np.array([3.0, 0]), 1.0), x_std=std, y_std=std)
+        one = sighting(place + error, np.array([3.0, 0]), 1.0, std=std)
         time = k / rate if times is None else times(k)
         frames.append(bm.motion.FrameSightings(k, time, (one,)))
     return bm.motion.link_sightings(frames)
@@ -39,7 +37,7 @@ def test_repeated_frames_of_a_conversion_are_found_and_not_used():
     assert found.repeated == expected
     assert found.jumps == ()
     assert found.words[0].startswith("Frames 4, 9, 14 … repeat the one before (6 in all)")
-    doubted = [row.frame for row in rows if row.sighting and "repeats" in row.sighting.doubts]
+    doubted = [row.frame for row in rows if row.sighting and row.sighting.motion.doubts]
     assert tuple(doubted) == expected
 
 
@@ -57,7 +55,7 @@ def test_captures_of_a_converted_clip_are_equally_spaced(shown, rate):
     std = fall.acceleration_covariance[1, 1] ** 0.5
     assert abs(fall.acceleration[1] - ay) < 3 * std < 0.05 * ay
     assert fall.overscatter < 1.5
-    assert max(row.place_scatter for row in rows) < 1.5
+    assert max(row.sighting.place_scatter for row in rows) < 1.5
     assert "equally spaced in time" in Cadence.stated(rows).words[0]
 
 
@@ -77,7 +75,7 @@ def test_short_tracks_equal_times_and_exact_places_are_linked(count):
     odd_times = (lambda k: 0.0), (lambda k: float(k // 2)), (lambda k: 1e6 * (k > 3) + k)
     for scale, std, times in zip((1.0, 1e4, 1e-6), (0.0, 1e-9, 10.0), odd_times, strict=True):
         rows = linked(scale * captured(numbers), std=std, repeats=numbers, times=times)
-        places = [row.sighting.place for row in rows if row.sighting]
+        places = [row.sighting.motion.center for row in rows if row.sighting]
         assert len(places) == count
         assert np.isfinite(places).all()
 

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.motion.clip.sightings import sighted
 
-from blurmatte.motion import FrameMotion, Sighting
+from blurmatte.motion import FrameMotion
 from blurmatte.motion.clip.clip_path import ClipPath
 
 EXPOSURE = 0.4  # intervals between frames
@@ -29,23 +30,24 @@ def bounce(t):
     return np.array([100.0, 200.0]) + np.where(s < 0, down, up) * s + np.array([0, 0.5]) * s**2
 
 
-def row(number, path, rng=None, std=STD, factor=1.0, **changes):
+def row(number, path, rng=None, std=STD, factor=1.0, source="sweep", off=0.0):
     """The row of a frame; its errors are `factor` times the stated ones."""
     t = number + EXPOSURE * (np.arange(200) + 0.5) / 200
     place, ends = path(t).mean(axis=0), path(number + EXPOSURE * np.array([0.0, 1.0]))
     move = ends[1] - ends[0]
     if rng is not None:
         place, move = (v + factor * std * rng.normal(size=2) for v in (place, move))
-    length, angle = float(np.hypot(*move)), float(np.arctan2(move[1], move[0]))
-    numbers = {
-        "x": place[0], "y": place[1], "x_std": std, "y_std": std, "xy_covariance": 0.0,
-        "vx": move[0], "vy": move[1], "vx_std": std, "vy_std": std, "length": length,
-        "length_std": std, "angle": angle, "angle_std": std / length, "radius": 8.0,
-        "radius_std": 0.1, "first_x": ends[0, 0], "first_y": ends[0, 1], "last_x": ends[1, 0],
-        "last_y": ends[1, 1], "color": "", "evidence": 1.0, "source": "sweep", "path": "line",
-        "silhouette": "disc", "residual_excess": 1.0, "at_border": False, "moved": True, "doubts": "",
-    }  # fmt: skip
-    return FrameMotion(number, number / 30, Sighting(**(numbers | changes)))
+    seen = sighted(
+        np.add(place, (off, 0)),
+        move,
+        std,
+        std,
+        std / float(np.hypot(*move)),
+        8.0,
+        source=source,
+        ends=ends,
+    )
+    return FrameMotion(number, number / 30, seen)
 
 
 def rows_of(path, count=24, rng=None, **more):
@@ -119,7 +121,7 @@ def test_moments_share_the_errors_of_positions_and_can_contradict():
     found = ClipPath.of(rows)
     assert found.added_to_moments[0] >= found.added_to_discs[0] > STD
     assert not found.contradicts.any()
-    rows[14] = row(14, fall, source="moments", std=0.01, x=rows[14].sighting.x + 40)
+    rows[14] = row(14, fall, source="moments", std=0.01, off=40.0)
     rows += [row(k, fall, source="moments") for k in range(24, 40)]
     assert np.flatnonzero(ClipPath.of(rows).contradicts).tolist() == [14]
 
@@ -137,8 +139,8 @@ def test_direction_of_a_streak_does_not_matter():
 
 def test_a_mistake_predicts_nothing_and_is_predicted():
     rows = rows_of(fall, rng=np.random.default_rng(0))
-    wrong = rows[12].sighting.x + 8 * STD
-    found = ClipPath.of([*rows[:12], row(12, fall, x=wrong), *rows[13:]])
+    noise = rows[12].sighting.motion.center[0] - ends_of(12, fall)[1][0]
+    found = ClipPath.of([*rows[:12], row(12, fall, off=noise + 8 * STD), *rows[13:]])
     assert np.flatnonzero(~found.used).tolist() == [12]
     assert np.flatnonzero(found.contradicts).tolist() == [12]
     assert found.doubt(12).startswith("Its position is 2 px off")
@@ -190,7 +192,9 @@ def test_many_mistakes_do_not_change_the_path():
             prior = found.prior(k)
             e = (prior.points - ends_of(k, circle)).ravel()
             z.append(e @ np.linalg.solve(prior.covariance, e) / 6)
-        off = [np.linalg.norm(rows[k].sighting.place - ends_of(k, circle)[1]) for k in wrong]
+        off = [
+            np.linalg.norm(rows[k].sighting.motion.center - ends_of(k, circle)[1]) for k in wrong
+        ]
         clear = {int(k) for k, far in zip(wrong, off, strict=True) if far > 8}
         assert clear <= set(np.flatnonzero(~found.used).tolist())
     assert np.median(z) < 1.5

@@ -2,22 +2,20 @@
 
 import numpy as np
 import pytest
+from tests.motion.clip.sightings import sighted
 
-from blurmatte.motion import FrameMotion, Sighting
+from blurmatte.motion import FrameMotion
 from blurmatte.motion.clip.clip_radius import ClipRadius
 
 STD = 0.1
 
 
 def row(frame, radius, std=STD, source="sweep", doubts="", track=1):
-    names = "x y x_std y_std xy_covariance vx vy vx_std vy_std length length_std angle angle_std"
-    numbers = dict.fromkeys(names.split(), 1.0)
-    ends = dict.fromkeys(("first_x", "first_y", "last_x", "last_y"), 1.0)
-    seen = Sighting(
-        **numbers, **ends, radius=radius, radius_std=std, color="", evidence=1.0, source=source,
-        path="line", silhouette="disc", residual_excess=1.0, at_border=False, moved=True,
-        doubts=doubts,
-    )  # fmt: skip
+    seen = sighted(
+        *((1.0, 1.0), (1.0, 1.0)),
+        **{"radius": radius, "radius_std": std, "source": source},
+        doubts=(doubts,) if doubts else (),
+    )
     return FrameMotion(frame, None, seen, track)
 
 

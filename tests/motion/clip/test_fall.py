@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.motion.clip.sightings import sighted
 
 import blurmatte as bm
 from blurmatte.checks import DIRECTIONS
@@ -20,11 +21,7 @@ RADIUS, DISTANCE = 0.03, 3.0
 
 
 def sighting(place, std=0.1, readout="down"):
-    x, y = map(float, place)
-    return bm.motion.Sighting(
-        x, y, std, std, 0.0, 9.0, 0.0, std, std, 9.0, std, 0.0, 0.01, 5.0, std,
-        x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "", readout,
-    )  # fmt: skip
+    return sighted(place, std=std, length_std=std, radius_std=std, readout=readout)
 
 
 def flight(rng, acceleration=(0, G / SCALE), count=9, std=0.1):
@@ -81,7 +78,7 @@ def test_scatter_replaces_too_small_errors():
     rng, z = np.random.default_rng(8), []
     for _ in range(150):
         rows = [
-            replace(row, sighting=replace(row.sighting, x_std=0.03, y_std=0.03))
+            replace(row, sighting=replace(row.sighting, place_scatter=0.1))
             for row in flight(rng, count=12, std=0.3)
         ]
         fall = bm.motion.fit_fall(rows, bm.Scale(SCALE), G)
@@ -111,10 +108,11 @@ def test_rejects_path_around_circle():
     assert not bm.motion.fit_fall(rows).fits
 
 
-def moved(row, dx, dy, **changes):
+def moved(row, dx, dy, doubts=(), at_border=False):
     """The row elsewhere."""
-    seen = row.sighting
-    return replace(row, sighting=replace(seen, x=seen.x + dx, y=seen.y + dy, **changes))
+    measured = row.sighting.measured.shifted(dx, dy)
+    measured = replace(measured, doubts=doubts, at_border=at_border)
+    return replace(row, sighting=replace(row.sighting, measured=measured))
 
 
 def test_wrong_frames_do_not_decide_a_fall():
@@ -123,7 +121,7 @@ def test_wrong_frames_do_not_decide_a_fall():
     for _ in range(60):
         rows = flight(rng, count=20)
         rows[0] = moved(rows[0], 9, 14, at_border=True)
-        rows[7] = moved(rows[7], -6, 11, doubts="It is of two parts.")
+        rows[7] = moved(rows[7], -6, 11, doubts=("It is of two parts.",))
         rows[12] = moved(rows[12], 1, 3)
         fall = bm.motion.fit_fall(rows, bm.Scale(SCALE), G)
         assert fall.fits
@@ -149,7 +147,7 @@ def test_frames_off_a_fall_are_counted_and_some_are_named():
 
 def test_fall_without_sound_frames_uses_all():
     """Exact: each has a doubt."""
-    rows = [moved(row, 0, 0, doubts="A doubt.") for row in flight(np.random.default_rng(12))]
+    rows = [moved(row, 0, 0, doubts=("A doubt.",)) for row in flight(np.random.default_rng(12))]
     fall = bm.motion.fit_fall(rows)
     assert fall.fits
     assert fall.freedom == 12

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.motion.clip.sightings import sighted
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -11,15 +12,12 @@ from blurmatte.rendering import colorful_plate
 OPEN = 0.5  # of the time from frame to frame
 
 
-def sighting(place, velocity, radius=8.0, source="sweep"):
-    x, y = map(float, place)
-    vx, vy = (OPEN * np.asarray(velocity, float) * (1 if velocity[0] >= 0 else -1)).tolist()
-    length, angle = float(np.hypot(vx, vy)), float(np.arctan2(vy, vx))
-    return bm.motion.Sighting(
-        x, y, 0.05, 0.05, 0.0, vx, vy, 0.1, 0.1, length, 0.1, angle, 0.01, radius, 0.05,
-        x - vx / 2, y - vy / 2, x + vx / 2, y + vy / 2, "#ffffff", radius**3, source, "parabola",
-        "disc", 1.0, False, True, "",
-    )  # fmt: skip
+def sighting(place, velocity, radius=8.0, source="sweep", std=0.05):
+    velocity = OPEN * np.asarray(velocity, float) * (1 if velocity[0] >= 0 else -1)
+    return sighted(
+        *(place, velocity, std, 0.1, 0.01, radius, 0.05),
+        **{"evidence": radius**3, "source": source},
+    )
 
 
 def thrown(start, velocity, gravity=2.0):
@@ -37,8 +35,9 @@ def frames_of(*flights, count=13, radii=(8.0, 8.0, 5.0)):
     for k in range(count):
         found = []
         for (place, velocity), radius in zip((f(k) for f in flights), radii, strict=False):
-            if found and np.hypot(*(found[-1].place - place)) < radius + found[-1].radius:
-                both = (found[-1].place + place) / 2
+            before = found[-1].motion if found else None
+            if before and np.hypot(*(before.center - place)) < radius + before.radius:
+                both = (before.center + place) / 2
                 found[-1] = sighting(both, velocity, 2**0.5 * radius, "moments")
             else:
                 found.append(sighting(place, velocity, radius))
@@ -59,11 +58,11 @@ def test_objects_keep_their_numbers_when_paths_cross():
             assert "1 streak of the color ignored: of several objects at once" in row.reason
             continue
         places = [flight(row.frame)[0] for flight in (ONE, TWO)]
-        near = int(np.argmin([np.hypot(*(row.sighting.place - p)) for p in places]))
-        first = rows[0].sighting.x < 100
+        near = int(np.argmin([np.hypot(*(row.sighting.motion.center - p)) for p in places]))
+        first = rows[0].sighting.motion.center[0] < 100
         assert row.object == (near + 1 if first else 2 - near)
         assert row.directed
-        assert np.sign(row.sighting.vx) == (1, -1)[near]
+        assert np.sign(row.sighting.velocity[0]) == (1, -1)[near]
     assert [row.frame for row in rows] == sorted(row.frame for row in rows)
 
 
@@ -71,7 +70,7 @@ def test_streak_direction_predicts_next_frame():
     """Oracle: in the second frame each is nearer to the other's first position."""
     flights = [thrown((120, 50), (40, 0), 0), thrown((160, 20), (-40, 0), 0)]
     rows = bm.motion.link_objects(frames_of(*flights, count=4))
-    assert [{row.sighting.y for row in rows if row.object == n} for n in (1, 2)] in (
+    assert [{row.sighting.motion.center[1] for row in rows if row.object == n} for n in (1, 2)] in (
         [{50}, {20}],
         [{20}, {50}],
     )
@@ -97,7 +96,8 @@ def test_object_in_too_few_frames_is_dropped():
 def test_link_objects_equals_link_sightings_for_one_object():
     """Invariant: for a clip of one object."""
     frames = frames_of(ONE)
-    assert bm.motion.link_objects(frames) == bm.motion.link_sightings(frames)
+    several, single = bm.motion.link_objects(frames), bm.motion.link_sightings(frames)
+    assert [row.numbers() for row in several] == [row.numbers() for row in single]
 
 
 def test_each_object_has_its_acceleration():
@@ -130,12 +130,12 @@ def test_two_balls_in_rendered_clip():
     rows = bm.measure_clip(frames, camera.photograph(plate, rng), model, several=True, rate=30)
     assert [row.object for row in rows] == [1, 2] * 3
     for row in rows:
-        s, upper = row.sighting, row.sighting.y < 45
+        s, upper = row.sighting.motion, row.sighting.motion.center[1] < 45
         vx, radius, y = (18, 7, 25) if upper else (-20, 6, 65)
-        assert abs(s.x - 75 - (row.frame - 1) * vx) < 5 * s.x_std
-        assert abs(s.y - y) < 5 * s.y_std
+        assert abs(s.center[0] - 75 - (row.frame - 1) * vx) < 5 * s.center_std[0]
+        assert abs(s.center[1] - y) < 5 * s.center_std[1]
         assert abs(s.radius - radius) < 5 * s.radius_std
-        assert abs(s.vx - vx / 2) < 5 * s.vx_std
+        assert abs(row.sighting.velocity[0] - vx / 2) < 5 * row.sighting.velocity_std[0]
 
 
 @pytest.mark.parametrize("link", [bm.motion.link_sightings, bm.motion.link_objects])
@@ -152,4 +152,4 @@ def test_coding_artifacts_are_ignored(link):
     later = [replace(frame, frame=k + 6, time=(k + 6) / 30) for k, frame in enumerate(flown)]
     rows = link([*specks, *later])
     assert all(row.sighting is None and "ignored" in row.reason for row in rows[:6])
-    assert all(row.sighting is not None and not row.sighting.doubts for row in rows[6:])
+    assert all(row.sighting is not None and not row.sighting.motion.doubts for row in rows[6:])

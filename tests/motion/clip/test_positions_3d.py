@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.motion.clip.sightings import sighted
 
 import blurmatte as bm
 from blurmatte.checks import DIRECTIONS
@@ -28,12 +29,10 @@ def at(t):
     return START + t * VELOCITY + t**2 / 2 * GRAVITY
 
 
-def sighting(x, y, radius, std=(0.05, 0.02), doubts=""):
-    return bm.motion.Sighting(
-        float(x), float(y), std[0], std[0], 0.0, 9.0, 0.0, 0.1, 0.1, 9.0, 0.1, 0.0, 0.01,
-        float(radius), std[1], x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0,
-        False, True, doubts,
-    )  # fmt: skip
+def sighting(x, y, radius, std=(0.05, 0.02), doubts=(), readout="down"):
+    return sighted(
+        (x, y), std=std[0], radius=radius, radius_std=std[1], doubts=doubts, readout=readout
+    )
 
 
 def row(k, t, one, track=1):
@@ -112,7 +111,7 @@ def test_doubtful_positions_do_not_change_velocities():
     """Exact: a doubtful position, a lost frame and another track do not change velocities."""
     rows = [row(k, k / 30, sighting(600 + 9 * k, 300, 9.0)) for k in range(6)]
     sound = bm.motion.places_in_space(rows, LENS, RADIUS)
-    odd = row(6, 0.2, sighting(900, 100, 4.0, doubts="Hidden."))
+    odd = row(6, 0.2, sighting(900, 100, 4.0, doubts=("Hidden.",)))
     other = row(8, 8 / 30, sighting(300, 300, 9.0), track=2)
     more = bm.motion.places_in_space([*rows, odd, row(7, 7 / 30, None), other], LENS, RADIUS)
     assert_allclose([b.velocity for b in more[:6]], [b.velocity for b in sound])
@@ -132,7 +131,7 @@ def test_rolling_shutter_delays_later_rows(readout):
             y = float(FLAT.project(at(t)[None])[0, 1])
             t = k / 30 + tau * y * DIRECTIONS[readout][1]
         balls.append(fitted(at(t), FLAT, FLAT, (RADIUS, 0.0)))
-        rows.append(row(k, k / 30, replace(sighting(640, y, 9), readout=readout)))
+        rows.append(row(k, k / 30, sighting(640, y, 9, readout=readout)))
     seen = bm.motion.places_in_space(rows, FLAT, RADIUS, balls=balls, line_time=tau)
     assert_allclose(
         [b.velocity for b in seen], [VELOCITY + b.time * GRAVITY for b in seen], atol=1e-6
@@ -146,8 +145,11 @@ def test_rolling_shutter_delays_later_rows(readout):
 
 def test_fitted_ball_removes_doubts_of_moments():
     """Exact: doubts of a sweep are kept."""
-    odd = sighting(700, 300, 9.0, doubts="Not all is known.")
-    rows = [row(0, 0.0, replace(odd, source="moments")), row(1, 0.1, odd)]
+    odd = sighting(700, 300, 9.0, doubts=("Not all is known.",))
+    rows = [
+        row(0, 0.0, replace(odd, measured=replace(odd.measured, source="moments"))),
+        row(1, 0.1, odd),
+    ]
     ball = fitted(at(0), LENS, LENS, (RADIUS, 0.0))
     found = bm.motion.places_in_space(rows, LENS, RADIUS, balls=[ball, ball])
     assert [place.doubted for place in found] == [False, True]
@@ -176,13 +178,10 @@ def test_fit_balls_in_rendered_frames():
         frames.append(LinearImage(light + 0.003 * rng.standard_normal(light.shape), noise=known))
         first, last = lens.project(np.array([a, b])) + 0.4
         middle = (first + last) / 2
-        one = replace(
-            sighting(*middle, 13.5),
-            **dict(zip(("first_x", "first_y", "last_x", "last_y"), [*first, *last], strict=True)),
-        )
+        one = sighted(middle, last - first, radius=13.5, ends=(first, last))
         rows.append(row(k, k / 30, one))
     frames.append(frames[0])
-    rows += [row(2, 2 / 30, replace(rows[0].sighting, source="moments"))]
+    rows += [row(2, 2 / 30, sighted(middle, source="moments"))]
     model = bm.ColorModel.from_samples(color, std=0)
     empty = LinearImage(plate, noise=known)
     found = list(bm.motion.fit_balls(frames, empty, rows, model, lens, 0.02))
@@ -229,7 +228,7 @@ def test_balls_belong_to_the_rows_of_their_frames(monkeypatch):
     size = 40, 30
     known = NoiseModel(read_std=0.003)
     frames = Damaged(LinearImage(np.full((30, 40, 3), 0.1 * k), noise=known) for k in range(3))
-    seen = replace(sighting(20, 15, 5), source="sweep")
+    seen = sighting(20, 15, 5)
     rows = [row(k, k / 30, seen if k != 1 else None) for k in range(3)]
     monkeypatch.setattr(balls, "fit_ball", lambda image, *_, **__: float(image.rgb.mean()))
     model = bm.ColorModel.from_samples([0.8, 0.3, 0.1], std=0)

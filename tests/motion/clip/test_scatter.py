@@ -5,16 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.motion.clip.sightings import sighted
 
 from blurmatte.explain import explain
 from blurmatte.motion import (
     FrameMotion,
     FrameSightings,
     Scatter,
-    Sighting,
     frame_scatter,
     link_sightings,
 )
+from blurmatte.motion.picture.motion import QUANTITIES
 
 STD, RADIUS_STD = 0.3, 0.1
 
@@ -27,11 +28,10 @@ def clip(rng, count=60, turn=0.3, larger=1.0):
         x, y = 300 + 100 * np.array([np.cos(phase), np.sin(phase)]) + rng.normal(0, larger * STD, 2)
         radius = 12 + 0.02 * k + rng.normal(0, larger * RADIUS_STD)
         angle = (phase + np.pi) % np.pi - np.pi / 2
-        sighting = Sighting(
-            x, y, STD, STD, 0.0, 25 * np.cos(angle), 25 * np.sin(angle), 0.5, 0.5, 25.0, 0.5, angle,
-            0.02, radius, RADIUS_STD, x, y, x, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0,
-            False, True, "",
-        )  # fmt: skip
+        velocity = 25 * np.array([np.cos(angle), np.sin(angle)])
+        sighting = sighted(
+            *((x, y), velocity, STD, 0.5, 0.02, radius, RADIUS_STD), ends=((x, y), (x, y))
+        )
         frames.append(FrameSightings(k, k / 30, (sighting,)))
     return frames
 
@@ -54,13 +54,13 @@ def test_errors_are_multiplied_by_scatter():
     """Honest: the true errors, although each frame states smaller ones; else the stated ones."""
     for larger in (1, 3):
         rows = [link_sightings(clip(np.random.default_rng(k), larger=larger)) for k in range(8)]
-        for name, std, field in (
-            ("place", STD, "x_std"),
-            ("radius", RADIUS_STD, "radius_std"),
+        for name, std, error in (
+            ("place", STD, lambda seen: seen.motion.center_std[0]),
+            ("radius", RADIUS_STD, lambda seen: seen.motion.radius_std),
         ):
-            given = [getattr(some[0].sighting, field) for some in rows]
+            given = [error(some[0].sighting) for some in rows]
             assert np.mean(given) == pytest.approx(larger * std, rel=0.15)
-            times = [getattr(some[0], f"{name}_scatter") for some in rows]
+            times = [getattr(some[0].sighting, f"{name}_scatter") for some in rows]
             assert_allclose(np.array(given), np.array(times) * std)
 
 
@@ -73,13 +73,14 @@ def test_irregular_times_are_no_scatter(gaps):
     frames = []
     for number, time, frame in zip(numbers.tolist(), times.tolist(), clip(rng), strict=True):
         x, y = np.array([10 + 400 * time, 20 + 300 * time]) + rng.normal(0, STD, 2)
-        sighting = replace(frame.found[0], x=x, y=y, vx=20.0, vy=15.0, angle=np.arctan2(3, 4))
+        radius = frame.found[0].motion.radius
+        sighting = sighted((x, y), (20.0, 15.0), STD, 0.5, 0.02, radius, RADIUS_STD)
         frames.append(FrameSightings(number, None if gaps else time, (sighting,)))
     rows = link_sightings(frames)
     assert {row.track for row in rows} == {1}
     assert frame_scatter(rows).place == pytest.approx(1, abs=0.3)
-    assert rows[0].place_scatter == pytest.approx(1, abs=0.15)
-    assert not any(row.sighting.doubts for row in rows)
+    assert rows[0].sighting.place_scatter == pytest.approx(1, abs=0.15)
+    assert not any(row.sighting.motion.doubts for row in rows)
 
 
 _FEW_FRAMES = pytest.mark.xfail(
@@ -96,17 +97,19 @@ def test_curved_path_adds_no_scatter(turn):
         assert frame_scatter(rows).place < 1.2
 
 
-@pytest.mark.parametrize(("name", "wrong"), [("position", {"x": 8.0}), ("radius", {"radius": 1.5})])
+@pytest.mark.parametrize(("name", "wrong"), [("position", ("x", 8.0)), ("radius", ("radius", 1.5))])
 def test_outlier_gets_doubt(name, wrong):
     """Exact: only the frame with the error, whose numbers are kept."""
     frames = clip(np.random.default_rng(5))
     (s,) = frames[20].found
-    off = replace(s, **{key: getattr(s, key) + value for key, value in wrong.items()})
+    values, (name_of_value, by) = s.measured.values.copy(), wrong
+    values[QUANTITIES.index(name_of_value)] += by
+    off = replace(s, measured=replace(s.measured, values=values))
     frames[20] = replace(frames[20], found=(off,))
     rows = link_sightings(frames)
-    assert [row.frame for row in rows if row.sighting.doubts] == [20]
-    assert rows[20].sighting.doubts.startswith(f"Its {name} is ")
-    assert getattr(rows[20].sighting, next(iter(wrong))) == getattr(off, next(iter(wrong)))
+    assert [row.frame for row in rows if row.sighting.motion.doubts] == [20]
+    assert rows[20].sighting.motion.doubts[0].startswith(f"Its {name} is ")
+    assert_allclose(rows[20].sighting.motion.values, off.motion.values)
 
 
 def test_no_scatter_for_few_frames():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.motion.clip.sightings import sighted
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -29,10 +30,7 @@ def scene():
     ball = bm.rendering.Ball(RADIUS, color=(0.8, 0.6, 0.2), ambient=1.0)
     truth = bm.rendering.render(bm.rendering.Scene(plate, bm.Trajectory.line(START, END), ball))
     noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
-    seen = bm.motion.Sighting(
-        45, 34, 0.1, 0.1, 0.0, 30.0, 8.0, 0.1, 0.1, 31.0, 0.1, 0.26, 0.01, RADIUS, 0.1,
-        *START, *END, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, "",
-    )  # fmt: skip
+    seen = sighted((45, 34), (30.0, 8.0), radius=RADIUS, ends=(START, END))
     row = bm.motion.FrameMotion(4, 0.1, seen, 1)
     return assumed(truth.image.rgb + noise[0]), assumed(truth.plate.rgb + noise[1]), row
 
@@ -47,8 +45,12 @@ def test_spread_of_the_radius_covers_the_true_curve(scene):
     assert abs(np.log(wrong / RADIUS)) < 2 * spread
 
 
+def at_border(seen):
+    return replace(seen, measured=replace(seen.measured, at_border=True))
+
+
 def test_spread_is_unknown_without_whole_frames(scene):
     """Exact: at the border."""
     frame, plate, row = scene
-    cut = replace(row, sighting=replace(row.sighting, at_border=True))
+    cut = replace(row, sighting=at_border(row.sighting))
     assert radius_spread([frame], plate, [cut], [4]) == 0

@@ -113,9 +113,9 @@ class _Fit:
         radius, std = self.radius
         start = Sweep(
             LINE,
-            np.array([one.first_x, one.first_y, one.last_x, one.last_y]),
+            one.motion.trajectory.xy[[0, -1]].ravel(),
             DISC,
-            np.array([one.radius]),
+            np.array([one.motion.radius]),
             self.model,
             np.zeros((5, 5)),
             image.size,
@@ -137,4 +137,4 @@ def _each(frames: Sequence[LinearImage]) -> Iterator[LinearImage | None]:
 
 def _may_be_ball(one: Sighting | None) -> bool:
     """True if a disc explains it: the image of a ball is nearly a disc."""
-    return one is not None and one.source == "sweep"
+    return one is not None and one.motion.source == "sweep"

@@ -110,7 +110,7 @@ class Cadence:
 
 def is_repeat(sighting: Sighting) -> bool:
     """Whether a detection is that of a frame that repeats the one before."""
-    return _REPEATS in sighting.doubts
+    return _REPEATS in sighting.motion.doubts
 
 
 def doubting_repeats(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
@@ -119,9 +119,7 @@ def doubting_repeats(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     return [
         row
         if row.frame not in repeated or row.sighting is None
-        else replace(
-            row, sighting=replace(row.sighting, doubts=f"{row.sighting.doubts} {_REPEATS}".strip())
-        )
+        else replace(row, sighting=row.sighting.with_doubts(*row.sighting.motion.doubts, _REPEATS))
         for row in rows
     ]
 
@@ -161,8 +159,8 @@ def _line(x: Array, y: Array) -> tuple[float, float]:
 def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
     """From each row to the next: how many times the predicted step it is; 1 if that is not decided."""
     seen = [row.stated for row in rows]
-    places = np.array([one.place for one in seen if one is not None]).reshape(-1, 2)
-    errors = [one.covariance for one in seen if one is not None]
+    places = np.array([one.motion.center for one in seen if one is not None]).reshape(-1, 2)
+    errors = [one.motion.center_covariance for one in seen if one is not None]
     found, least = [], MIN_STD_PX**2 * np.eye(2)
     for k in range(1, len(rows)):
         before, after = slice(max(k - _NEIGHBORS, 0), k), slice(k, k + _NEIGHBORS)

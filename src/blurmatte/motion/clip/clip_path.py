@@ -30,6 +30,7 @@ from blurmatte.motion.clip.smoothing import (
     student_inflation,
     transition,
 )
+from blurmatte.motion.picture.motion import Motion
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.model.motion_prior import PathPrior
 
@@ -64,10 +65,10 @@ class ClipPath(RobustCurve):
         W, move_weights = np.zeros((n, 4, 4)), np.zeros((n, 2, 2))
         for k, row in enumerate(frames):
             if (one := row.stated) is not None:
-                y[k] = *one.place, one.vx, one.vy
-                W[k, :2, :2] = np.linalg.inv(one.covariance + least)
+                y[k] = *one.motion.center, *one.velocity
+                W[k, :2, :2] = np.linalg.inv(one.motion.center_covariance + least)
                 if one.moved:
-                    move_weights[k] = np.linalg.inv(_displacement_covariance(one) + least)
+                    move_weights[k] = np.linalg.inv(_displacement_covariance(one.motion) + least)
         rows = Measurements(np.array(in_intervals(frames), float), H, y, W, _AXES)
         part, used = parts_of_tracks(frames), whole_rows(frames) if used is None else used
         curve = cls(tuple(frames), rows, part, used, (0.0, 0.0), move_weights=move_weights)
@@ -94,8 +95,9 @@ class ClipPath(RobustCurve):
 
     def factors(self, sighting: Sighting) -> tuple[float, float]:
         """By which the errors of position and of displacement of a detection become those here."""
-        of_move = (sighting.vx_std**2 + sighting.vy_std**2) / 2
-        place, move = self.factors_of(sighting, [float(np.trace(sighting.covariance)) / 2, of_move])
+        of_place = float(np.trace(sighting.motion.center_covariance)) / 2
+        of_move = float(np.sum(sighting.velocity_std**2)) / 2
+        place, move = self.factors_of(sighting, [of_place, of_move])
         return place, move
 
     def doubt(self, row: int) -> str:
@@ -196,7 +198,7 @@ class ClipPath(RobustCurve):
         return int(mine[np.argmax(jumps)])
 
 
-def _displacement_covariance(one: Sighting) -> Array:
+def _displacement_covariance(one: Motion) -> Array:
     """(2, 2) from the errors of length and angle."""
     c, s, L = np.cos(one.angle), np.sin(one.angle), one.length
     J = np.array([[c, -L * s], [s, L * c]])

@@ -29,8 +29,8 @@ class ClipRadius(RobustCurve):
         radii, weights = np.zeros((n, 1)), np.zeros((n, 1, 1))
         for k, row in enumerate(frames):
             if (one := row.stated) is not None:
-                radii[k] = one.radius
-                weights[k] = 1 / (one.radius_std**2 + MIN_STD_PX**2)
+                radii[k] = one.motion.radius
+                weights[k] = 1 / (one.motion.radius_std**2 + MIN_STD_PX**2)
         H = np.tile(np.eye(1, _ORDER), (n, 1, 1))
         rows = Measurements(np.array(in_intervals(frames), float), H, radii, weights, 1)
         used = whole_rows(frames)
@@ -47,7 +47,7 @@ class ClipRadius(RobustCurve):
 
     def factor(self, sighting: Sighting) -> float:
         """By which the error of the radius of a detection becomes that here."""
-        return self.factors_of(sighting, [sighting.radius_std**2])[0]
+        return self.factors_of(sighting, [sighting.motion.radius_std**2])[0]
 
     def doubt(self, row: int) -> str:
         """Why the radius of a row that contradicts the others may be wrong."""

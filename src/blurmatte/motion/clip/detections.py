@@ -2,147 +2,111 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
+from blurmatte.checks import DIRECTIONS, Array, check_kind
+from blurmatte.motion.columns import Column, numbers_of
+from blurmatte.motion.picture.motion import Motion
 
 NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Sighting:
-    """One streak that may be the object's, in pixels, exposures and radians.
-
-    Its direction of time is not known; it is given as going to the right.
+    """One streak that may be the object's: its motion in one frame, and what the clip says of it.
 
     Parameters
     ----------
-    x, y, x_std, y_std, xy_covariance : float
-        Mean position of the center, with its errors.
-    vx, vy, vx_std, vy_std : float
-        Mean velocity within the exposure, pixels per exposure.
-    length, length_std, angle, angle_std, radius, radius_std : float
-        As in `Motion`.
-    first_x, first_y, last_x, last_y : float
-        The ends of the path.
+    measured : Motion
+        From the frame alone, in pixels of the frame, without its `sweep`. Its direction of time is not
+        known; it is given as going to the right. Its `doubts` include those by other frames.
     color : str
         That names the object, `ColorModel.color`: its mean in this frame unless it has one paint.
     evidence : float
         Strength of its light, as in `Streak`.
-    source, path, silhouette : str
-        As in `Motion`.
     residual_excess : float
         Of the fitted disc, even if the numbers come from moments; as in `Diagnostics`.
-    at_border, moved : bool
-        As in `Motion`.
-    doubts : str
-        Reasons why the numbers may be wrong.
-    readout : "down", "up", "left" or "right"
-        As in `Motion`.
+    backward : bool
+        True if the other frames say that it went the other way, to the left.
+    place_scatter, path_scatter, radius_scatter : float
+        Factors of the errors of position, of length and direction, and of the radius: the object's
+        frames scatter more than their own errors.
     """
 
-    x: float
-    y: float
-    x_std: float
-    y_std: float
-    xy_covariance: float
-    vx: float
-    vy: float
-    vx_std: float
-    vy_std: float
-    length: float
-    length_std: float
-    angle: float
-    angle_std: float
-    radius: float
-    radius_std: float
-    first_x: float
-    first_y: float
-    last_x: float
-    last_y: float
+    measured: Motion
     color: str
     evidence: float
-    source: str
-    path: str
-    silhouette: str
     residual_excess: float
-    at_border: bool
-    moved: bool
-    doubts: str
-    readout: Direction = "down"
+    backward: bool = False
+    place_scatter: float = 1.0
+    path_scatter: float = 1.0
+    radius_scatter: float = 1.0
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion in the direction of time if that is known; its errors explain the scatter."""
+        motion = self.measured.reversed if self.backward else self.measured
+        return motion.with_errors_times(self.place_scatter, self.path_scatter, self.radius_scatter)
+
+    @property
+    def velocity(self) -> Array:
+        """(2,) mean velocity within the exposure, pixels per exposure."""
+        angle, L = self.measured.angle, self.measured.length
+        sign = -1 if self.backward else 1
+        return np.array([sign * (L * np.cos(angle)), sign * (L * np.sin(angle))])
+
+    @property
+    def velocity_std(self) -> Array:
+        """(2,) standard deviations of the velocity, pixels per exposure."""
+        motion = self.measured
+        c, s, L = np.cos(motion.angle), np.sin(motion.angle), motion.length
+        J = np.array([[c, -L * s], [s, L * c]])
+        names = ("length", "angle")
+        V = J @ np.array([[motion.covariance_of(a, b) for b in names] for a in names]) @ J.T
+        return np.asarray(self.path_scatter * np.sqrt(np.maximum(np.diag(V), 0)))
+
+    @property
+    def moved(self) -> bool:
+        """Whether the frame alone shows that it moved, as in `Motion`."""
+        return self.measured.moved
 
     @property
     def rows(self) -> tuple[float, float, float]:
         """Rows of the sensor, from that of the pixel (0, 0): of its center, and of both ends."""
-        x, y = DIRECTIONS[self.readout]
-        places = (self.x, self.y), (self.first_x, self.first_y), (self.last_x, self.last_y)
-        center, first, last = (x * at[0] + y * at[1] for at in places)
+        (x, y), path = DIRECTIONS[self.motion.readout], self.motion.trajectory.xy
+        places = (self.motion.center, path[0], path[-1])
+        center, first, last = (float(x * at[0] + y * at[1]) for at in places)
         return center, first, last
-
-    @property
-    def place(self) -> Array:
-        """(2,) position of the center, pixels."""
-        return np.array([self.x, self.y])
-
-    @property
-    def covariance(self) -> Array:
-        """(2, 2) covariance of the position, pixels²."""
-        off = self.xy_covariance
-        return np.array([[self.x_std**2, off], [off, self.y_std**2]])
 
     @property
     def is_whole(self) -> bool:
         """Whether a disc explains the streak and it is not cut by the border or doubtful."""
-        return self.source == "sweep" and self.is_sound
+        return self.measured.source == "sweep" and self.is_sound
 
     @property
     def is_sound(self) -> bool:
         """Whether it is neither cut by the border nor doubtful."""
-        return not (self.at_border or self.doubts)
+        return not (self.measured.at_border or self.measured.doubts)
 
-    def with_errors_times(self, place: float, path: float, radius: float) -> Sighting:
-        """The same with the errors of position, of the path, and of the radius multiplied."""
-        names = "vx_std", "vy_std", "length_std", "angle_std"
-        larger = {name: path * getattr(self, name) for name in names}
-        return replace(
-            self,
-            **larger,
-            x_std=place * self.x_std,
-            y_std=place * self.y_std,
-            xy_covariance=place**2 * self.xy_covariance,
-            radius_std=radius * self.radius_std,
-        )
-
-    def shifted(self, x: float, y: float) -> Sighting:
-        """The same elsewhere, such as in the picture if it was measured in a part of it, pixels."""
-        return replace(
-            self,
-            x=self.x + x,
-            y=self.y + y,
-            first_x=self.first_x + x,
-            first_y=self.first_y + y,
-            last_x=self.last_x + x,
-            last_y=self.last_y + y,
-        )
+    @property
+    def stated(self) -> Sighting:
+        """The same with the errors that the frame alone states."""
+        return replace(self, place_scatter=1.0, path_scatter=1.0, radius_scatter=1.0)
 
     @property
     def reversed(self) -> Sighting:
         """The motion with the direction of time reversed."""
-        return replace(
-            self,
-            vx=-self.vx,
-            vy=-self.vy,
-            angle=self.angle + (-np.pi if self.angle > 0 else np.pi),
-            first_x=self.last_x,
-            first_y=self.last_y,
-            last_x=self.first_x,
-            last_y=self.first_y,
-        )
+        return replace(self, backward=not self.backward)
+
+    def with_doubts(self, *doubts: str) -> Sighting:
+        """The same with these doubts instead of its own."""
+        return replace(self, measured=replace(self.measured, doubts=doubts))
 
 
 @dataclass(frozen=True)
@@ -194,9 +158,6 @@ class FrameMotion:
         Why there is no detection; "" if there is one.
     object : int or None
         Number of the object, from 1.
-    place_scatter, path_scatter, radius_scatter : float
-        Factors by which the errors of position, of length and direction, and of the radius were
-        multiplied, because the object's frames scatter more than their own errors.
     """
 
     frame: int
@@ -207,9 +168,6 @@ class FrameMotion:
     others: int = 0
     reason: str = ""
     object: int | None = None
-    place_scatter: float = 1.0
-    path_scatter: float = 1.0
-    radius_scatter: float = 1.0
 
     @property
     def something_moved(self) -> bool:
@@ -219,20 +177,59 @@ class FrameMotion:
     @property
     def stated(self) -> Sighting | None:
         """The detection with the errors that the frame alone states."""
-        if self.sighting is None:
-            return None
-        factors = self.place_scatter, self.path_scatter, self.radius_scatter
-        return self.sighting.with_errors_times(*(1 / factor for factor in factors))
+        return None if self.sighting is None else self.sighting.stated
 
     def numbers(self) -> dict[str, Any]:
-        """All by name, flat, for a row of a table; pixels, radians, exposures, seconds."""
-        row: dict[str, Any] = {"frame": self.frame, "time": self.time}
-        row |= {"object": self.object, "track": self.track}
-        for name in Sighting.__dataclass_fields__:
-            row[name] = None if self.sighting is None else getattr(self.sighting, name)
-        for name in ("directed", "place_scatter", "path_scatter", "radius_scatter"):
-            row[name] = None if self.sighting is None else getattr(self, name)
-        return row | {"others": self.others, "reason": self.reason}
+        """All by name, flat, for a row of a table: `CLIP_COLUMNS`."""
+        return numbers_of(CLIP_COLUMNS, self)
+
+
+def _seen(name: str, unit: str, of: Callable[[Sighting], Any]) -> Column[FrameMotion]:
+    """A column that is read from the detection; empty without one."""
+    return Column(name, unit, lambda row: None if row.sighting is None else of(row.sighting))
+
+
+CLIP_COLUMNS: tuple[Column[FrameMotion], ...] = (
+    Column("frame", "", lambda row: row.frame),
+    Column("time", "s", lambda row: row.time),
+    Column("object", "", lambda row: row.object),
+    Column("track", "", lambda row: row.track),
+    _seen("x", "px", lambda one: float(one.motion.center[0])),
+    _seen("y", "px", lambda one: float(one.motion.center[1])),
+    _seen("x_std", "px", lambda one: float(one.motion.center_std[0])),
+    _seen("y_std", "px", lambda one: float(one.motion.center_std[1])),
+    _seen("xy_covariance", "px²", lambda one: one.motion.covariance_of("x", "y")),
+    _seen("vx", "px/exposure", lambda one: float(one.velocity[0])),
+    _seen("vy", "px/exposure", lambda one: float(one.velocity[1])),
+    _seen("vx_std", "px/exposure", lambda one: float(one.velocity_std[0])),
+    _seen("vy_std", "px/exposure", lambda one: float(one.velocity_std[1])),
+    _seen("length", "px", lambda one: one.motion.length),
+    _seen("length_std", "px", lambda one: one.motion.length_std),
+    _seen("angle", "rad", lambda one: one.motion.angle),
+    _seen("angle_std", "rad", lambda one: one.motion.angle_std),
+    _seen("radius", "px", lambda one: one.motion.radius),
+    _seen("radius_std", "px", lambda one: one.motion.radius_std),
+    _seen("first_x", "px", lambda one: float(one.motion.trajectory.xy[0, 0])),
+    _seen("first_y", "px", lambda one: float(one.motion.trajectory.xy[0, 1])),
+    _seen("last_x", "px", lambda one: float(one.motion.trajectory.xy[-1, 0])),
+    _seen("last_y", "px", lambda one: float(one.motion.trajectory.xy[-1, 1])),
+    _seen("color", "", lambda one: one.color),
+    _seen("evidence", "", lambda one: one.evidence),
+    _seen("source", "", lambda one: one.motion.source),
+    _seen("path", "", lambda one: one.motion.path),
+    _seen("silhouette", "", lambda one: one.motion.silhouette),
+    _seen("residual_excess", "", lambda one: one.residual_excess),
+    _seen("at_border", "", lambda one: one.motion.at_border),
+    _seen("moved", "", lambda one: one.moved),
+    _seen("doubts", "", lambda one: " ".join(one.motion.doubts)),
+    _seen("readout", "", lambda one: one.motion.readout),
+    Column("directed", "", lambda row: None if row.sighting is None else row.directed),
+    _seen("place_scatter", "", lambda one: one.place_scatter),
+    _seen("path_scatter", "", lambda one: one.path_scatter),
+    _seen("radius_scatter", "", lambda one: one.radius_scatter),
+    Column("others", "", lambda row: row.others),
+    Column("reason", "", lambda row: row.reason),
+)
 
 
 def in_intervals(rows: Sequence[FrameSightings] | Sequence[FrameMotion]) -> list[float]:

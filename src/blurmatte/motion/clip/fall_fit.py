@@ -88,11 +88,11 @@ def fit_fall(
     track = main_track(rows)
     _check_count(len(track), "frames of one track")
     seen = [row.sighting for row in track if row.sighting is not None]
-    places = np.array([s.place for s in seen])
+    places = np.array([s.motion.center for s in seen])
     rows_of_sensor = np.array([s.rows[0] for s in seen])
     times = _times([row.time for row in track]) + line_time * rows_of_sensor
     least = MIN_POSITION_STD_PX**2 * np.eye(2)
-    known = np.array([s.covariance + least for s in seen])
+    known = np.array([s.motion.center_covariance + least for s in seen])
     flight = _Flight([row.frame for row in track], times, places, known)
     fall = replace(flight.fall(np.array([one.is_sound for one in seen])), scale=scale)
     return fall if gravity is None else fall.in_gravity(gravity, gravity_std)

@@ -163,10 +163,12 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
             factors = *path.factors(sighting), size.factor(sighting)
             compared[k] = replace(
                 compared[k],
-                sighting=sighting.with_errors_times(*factors),
-                place_scatter=factors[0],
-                path_scatter=factors[1],
-                radius_scatter=factors[2],
+                sighting=replace(
+                    sighting,
+                    place_scatter=factors[0],
+                    path_scatter=factors[1],
+                    radius_scatter=factors[2],
+                ),
             )
     return compared
 
@@ -178,7 +180,7 @@ def _doubt(rows: list[FrameMotion], of: Sequence[int], doubts: Mapping[int, str]
         assert sighting is not None
         if is_repeat(sighting):
             continue
-        rows[of[k]] = replace(rows[of[k]], sighting=replace(sighting, doubts=doubt))
+        rows[of[k]] = replace(rows[of[k]], sighting=sighting.with_doubts(doubt))
 
 
 def _row(
@@ -200,20 +202,20 @@ def _empty_row(frame: FrameSightings, why: str) -> FrameMotion:
 
 
 def _median_radius(tracks: Sequence[Track]) -> float:
-    radii = [s.radius for track in tracks for s in track.seen.values()]
+    radii = [s.motion.radius for track in tracks for s in track.seen.values()]
     return float(np.median(radii)) if radii else 0.0
 
 
 def _with_size_doubt(sighting: Sighting, median: float) -> Sighting:
     """The detection, with a doubt if its radius is far from the object's median."""
-    ratio, limit = sighting.radius / max(median, 1e-12), _MAX_SIZE_RATIO
+    ratio, limit = sighting.motion.radius / max(median, 1e-12), _MAX_SIZE_RATIO
     if 1 / limit < ratio < limit:
         return sighting
     doubt = (
         f"Its radius is {ratio:.2g} times that of most frames: it is hidden in part, at the border, or "
         "merged with another object."
     )
-    return replace(sighting, doubts=f"{sighting.doubts} {doubt}".strip())
+    return sighting.with_doubts(*sighting.motion.doubts, doubt)
 
 
 def _chosen(tracks: Sequence[Track]) -> list[Track]:

@@ -49,7 +49,6 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.trajectory import Trajectory
 
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
@@ -269,10 +268,11 @@ class _Detector:
             crop, streak = rest.popleft()
             try:
                 one = _measured(crop.image, crop.plate, streak, self.model, inflation)
-                found.append(one.shifted(*crop.box[:2]))
+                in_frame = replace(one.measured.shifted(*crop.box[:2]), size=self.scene.plate.size)
+                found.append(replace(one, measured=in_frame))
             except BlurmatteError as error:
                 reasons.append(str(error))
-            if single and found and found[-1].source == "sweep":
+            if single and found and found[-1].measured.source == "sweep":
                 break
         if not parts:
             reasons = [NOTHING_MOVED if self.color is None or not crops else _NO_COLOR]
@@ -337,48 +337,18 @@ def _motion_of_pixels(
             streak=Streak(streak.mask[y0:y1, x0:x1]),
             matching=Matching.NONE,
         )
-    motion = motion_of_alpha(solution)
-    corner, values = np.array([x0, y0], float), motion.values.copy()
-    values[:2] += corner
-    motion = replace(
-        motion,
-        trajectory=Trajectory(motion.trajectory.xy + corner, motion.trajectory.t),
-        values=values,
-        size=image.size,
-        doubts=motion.doubts + tuple(str(warning.message) for warning in caught),
-    )
+    motion = motion_of_alpha(solution).shifted(x0, y0)
+    doubts = motion.doubts + tuple(str(warning.message) for warning in caught)
+    motion = replace(motion, size=image.size, doubts=doubts)
     return motion, solution.model
 
 
 def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Sighting:
-    if abs(motion.angle) > np.pi / 2:
-        motion = motion.reversed
-    c, s, L = np.cos(motion.angle), np.sin(motion.angle), motion.length
-    J = np.array([[c, -L * s], [s, L * c]])
-    names = ("length", "angle")
-    V = J @ np.array([[motion.covariance_of(a, b) for b in names] for a in names]) @ J.T
-    (x, y), (x_std, y_std) = motion.center.tolist(), motion.center_std.tolist()
-    vx_std, vy_std = np.sqrt(np.maximum(np.diag(V), 0)).tolist()
-    (first_x, first_y), (last_x, last_y) = motion.trajectory.xy[[0, -1]].tolist()
-    same = "length", "length_std", "angle", "angle_std", "radius", "radius_std"
-    also = "source", "path", "silhouette", "at_border", "moved", "readout"
+    """The detection going to the right; the sweep is left out, which would be kept for each frame."""
+    motion = motion.reversed if abs(motion.angle) > np.pi / 2 else motion
     return Sighting(
-        x=x,
-        y=y,
-        x_std=x_std,
-        y_std=y_std,
-        xy_covariance=motion.covariance_of("x", "y"),
-        vx=float(L * c),
-        vy=float(L * s),
-        vx_std=vx_std,
-        vy_std=vy_std,
-        first_x=first_x,
-        first_y=first_y,
-        last_x=last_x,
-        last_y=last_y,
-        color=model.color,
-        evidence=float(streak.evidence),
-        residual_excess=sweep.diagnostics.residual_excess,
-        doubts=" ".join(motion.doubts),
-        **{name: getattr(motion, name) for name in (*same, *also)},
+        replace(motion, sweep=None),
+        model.color,
+        float(streak.evidence),
+        sweep.diagnostics.residual_excess,
     )

@@ -55,5 +55,5 @@ class ClipObject:
         By the rule of succession, so that it is neither 0 nor 1.
         """
         seen = [one for row in self.rows if (one := row.sighting) is not None]
-        discs = [one for one in seen if one.source == "sweep" and not one.at_border]
-        return (sum(bool(one.doubts) for one in discs) + 1) / (len(discs) + 2)
+        discs = [one for one in seen if one.motion.source == "sweep" and not one.motion.at_border]
+        return (sum(bool(one.motion.doubts) for one in discs) + 1) / (len(discs) + 2)

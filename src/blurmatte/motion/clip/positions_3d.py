@@ -233,14 +233,14 @@ def _place(
         place = _of_disc(row, seen, intrinsics, radius)
     else:
         place = replace(BallPlace.of(ball, row.frame, row.time), track=row.track or 1)
-    doubted = bool(seen.doubts) and (ball is None or seen.source == "sweep")
+    doubted = bool(seen.motion.doubts) and (ball is None or seen.motion.source == "sweep")
     return replace(place, doubted=doubted)
 
 
 def _of_disc(row: FrameMotion, seen: Sighting, intrinsics: Intrinsics, radius: float) -> BallPlace:
     """Position from that of a disc; not finite where the distortion has no inverse."""
     covariance = np.zeros((3, 3))
-    covariance[:2, :2], covariance[2, 2] = seen.covariance, seen.radius_std**2
+    covariance[:2, :2], covariance[2, 2] = seen.motion.center_covariance, seen.motion.radius_std**2
 
     def place(disc: Array) -> Array:
         """Position of a disc (x, y, radius), meters."""
@@ -248,8 +248,8 @@ def _of_disc(row: FrameMotion, seen: Sighting, intrinsics: Intrinsics, radius: f
             radius * positions_of_discs(intrinsics, disc[None, :2], disc[2].item())[0]
         )
 
-    x, V = propagated(place, np.array([seen.x, seen.y, seen.radius]), covariance)
-    return BallPlace(row.frame, row.time, row.track or 1, x, V, V, 0.0, seen.source)
+    x, V = propagated(place, np.array([*seen.motion.center, seen.motion.radius]), covariance)
+    return BallPlace(row.frame, row.time, row.track or 1, x, V, V, 0.0, seen.motion.source)
 
 
 def _shared(place: Array, intrinsics: Intrinsics, radius: float, radius_std: float) -> Array:

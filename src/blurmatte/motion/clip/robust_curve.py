@@ -201,7 +201,9 @@ class RobustCurve:
 
     def factors_of(self, sighting: Sighting, variances: Sequence[float]) -> tuple[float, ...]:
         """By which errors of these variances of a detection become those here, for each kind."""
-        added = self.added_to_moments if sighting.source == "moments" else self.added_to_discs
+        added = (
+            self.added_to_moments if sighting.motion.source == "moments" else self.added_to_discs
+        )
         least = MIN_STD_PX**2
         ratios = (a**2 / max(v, least) for a, v in zip(added, variances, strict=True))
         return tuple(float(np.sqrt(1 + ratio)) for ratio in ratios)
@@ -216,7 +218,7 @@ class RobustCurve:
     def _of_moments(self) -> Bools:
         """(n,) rows measured by the moments of alpha."""
         seen = [row.sighting for row in self.frames]
-        return np.array([one is not None and one.source == "moments" for one in seen], bool)
+        return np.array([one is not None and one.motion.source == "moments" for one in seen], bool)
 
     @property
     def _kinds(self) -> list[slice]:

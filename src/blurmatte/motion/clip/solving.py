@@ -255,7 +255,7 @@ class FrameSolver:
             parts = self.color.within(crop.box).parts(crop.image)
         x0, y0 = crop.box[:2]
         t = np.linspace(0, 1, 9)[:, None]
-        ends = np.array([[sighting.first_x, sighting.first_y], [sighting.last_x, sighting.last_y]])
+        ends = sighting.motion.trajectory.xy[[0, -1]]
         path = np.rint((1 - t) * ends[0] + t * ends[1] - (x0, y0)).astype(int)
         width, height = crop.image.size
         x, y = path[np.all((path >= 0) & (path < (width, height)), axis=1)].T
@@ -445,7 +445,7 @@ def _stretched(
     known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
     step, pairs, shutter = -(-len(known) // STRETCH_FRAMES) or 1, [], RollingShutter()
     seen = [one.row.sighting for one in known if one.row.sighting is not None]
-    readout = seen[0].readout if seen else "down"  # of all frames of a clip
+    readout = seen[0].motion.readout if seen else "down"  # of all frames of a clip
     for first in dict.fromkeys(int(step * part) for part in _PARTS):
         some = known[first::step]
         pairs += [(x, w.displacement) for x, w in zip(measured(some), some, strict=True) if x]
@@ -484,11 +484,11 @@ def _decided(
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:
     """The box of the frame in which the streak was measured, or one around it."""
-    x, y = sighting.place
+    x, y = sighting.motion.center
     inside = [box for box in boxes if box[0] <= x < box[2] and box[1] <= y < box[3]]
     if inside:
         return inside[0]
-    reach = 2 * sighting.radius + sighting.length / 2 + 32
+    reach = 2 * sighting.motion.radius + sighting.motion.length / 2 + 32
     corner = np.maximum(np.floor([x - reach, y - reach]), 0).astype(int)
     end = np.minimum(np.ceil([x + reach, y + reach]), size).astype(int)
     return int(corner[0]), int(corner[1]), int(end[0]), int(end[1])
@@ -498,15 +498,12 @@ def _start(
     sighting: Sighting, crop: Crop, model: ColorModel, prior: MotionPrior | None
 ) -> Sweep | None:
     """Where the fit starts: the path from all frames, or else the one that was measured."""
-    if sighting.source != "sweep" and prior is None:
+    if sighting.motion.source != "sweep" and prior is None:
         return None
-    family, ends = (
-        LINE,
-        np.array([sighting.first_x, sighting.first_y, sighting.last_x, sighting.last_y]),
-    )
+    family, ends = LINE, sighting.motion.trajectory.xy[[0, -1]].ravel()
     path = LINE.shifted(ends, -np.array(crop.box[:2], float))
     if prior is not None and prior.path is not None:
         family, path = PARABOLA, prior.path.points.ravel()
-    shape = DISC.start(sighting.radius if prior is None else prior.radius)
+    shape = DISC.start(sighting.motion.radius if prior is None else prior.radius)
     covariance = np.zeros((len(path) + 1, len(path) + 1))
     return Sweep(family, path, DISC, shape, model, covariance, crop.image.size)

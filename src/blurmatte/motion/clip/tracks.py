@@ -54,7 +54,7 @@ class Track:
     @property
     def radius(self) -> float:
         """Median radius, pixels."""
-        return float(np.median([s.radius for s in self.seen.values()]))
+        return float(np.median([s.motion.radius for s in self.seen.values()]))
 
     @property
     def evidence(self) -> float:
@@ -72,13 +72,13 @@ class Track:
 
     def cost(self, sighting: Sighting) -> float:
         """χ² of the position of a detection."""
-        z = sighting.place - self.state[:2]
+        z = sighting.motion.center - self.state[:2]
         return float(z @ np.linalg.solve(self._innovation_covariance(sighting), z))
 
     def unlikelihood(self, sighting: Sighting) -> float:
         """−2 ln of the likelihood of a detection, position and radius, up to a constant."""
         S = self._innovation_covariance(sighting)
-        growth = np.log(max(sighting.radius, 1e-6) / max(self.radius, 1e-6))
+        growth = np.log(max(sighting.motion.radius, 1e-6) / max(self.radius, 1e-6))
         growth /= _LOG_RADIUS_STD
         return self.cost(sighting) + float(np.log(np.linalg.det(S)) + growth**2)
 
@@ -86,9 +86,9 @@ class Track:
         """Update the state by the detection in a frame."""
         S = self._innovation_covariance(sighting)
         K = np.linalg.solve(S, _H @ self.covariance).T
-        self.state = self.state + K @ (sighting.place - self.state[:2])
+        self.state = self.state + K @ (sighting.motion.center - self.state[:2])
         self.covariance = (np.eye(4) - K @ _H) @ self.covariance
-        self.blur = sighting.length + sighting.radius
+        self.blur = sighting.motion.length + sighting.motion.radius
         self.seen[index] = sighting
 
     def _innovation_covariance(self, sighting: Sighting) -> Array:
@@ -98,7 +98,7 @@ class Track:
 
 def _position_covariance(sighting: Sighting) -> Array:
     """R, (2, 2)."""
-    return np.asarray(sighting.covariance + _POSITION_STD_PX**2 * np.eye(2))
+    return np.asarray(sighting.motion.center_covariance + _POSITION_STD_PX**2 * np.eye(2))
 
 
 def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[Track]:
@@ -111,7 +111,7 @@ def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[T
         True for several objects that look the same. The streak in the first frame of a track then
         gives the direction in which the next detection is expected.
     """
-    places = np.array([s.place for frame in frames for s in frame.found])
+    places = np.array([s.motion.center for frame in frames for s in frame.found])
     extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
     tracks: list[Track] = []
     steps = np.diff(in_intervals(frames), prepend=0.0).tolist()
@@ -147,10 +147,14 @@ def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], similar: bool) ->
 def _occludes(track: Track, sighting: Sighting, lost: Sequence[Track]) -> bool:
     """True if a streak contains the object of a track and another one that it occludes in part."""
     for other in lost:
-        reach = (sighting.length + other.last.length) / 2 + sighting.radius + other.radius
-        near = np.linalg.norm(sighting.place - other.state[:2]) < reach
+        reach = (
+            (sighting.motion.length + other.last.motion.length) / 2
+            + sighting.motion.radius
+            + other.radius
+        )
+        near = np.linalg.norm(sighting.motion.center - other.state[:2]) < reach
         added = _OCCLUDER_AREA * other.radius**2
-        if near and sighting.radius**2 > track.radius**2 + added:
+        if near and sighting.motion.radius**2 > track.radius**2 + added:
             return True
     return False
 
@@ -159,11 +163,11 @@ def _new_track(index: int, sighting: Sighting, extent: float, directed: bool) ->
     """A new track of unknown velocity, or of one along its streak in an unknown direction."""
     V = np.diag([0.0, 0.0, 1.0, 1.0]) * (extent / 2 + 1) ** 2
     V[:2, :2] = _position_covariance(sighting)
-    blur = sighting.length + sighting.radius
+    blur = sighting.motion.length + sighting.motion.radius
     if directed and sighting.moved:
-        across = np.array([-np.sin(sighting.angle), np.cos(sighting.angle)])
+        across = np.array([-np.sin(sighting.motion.angle), np.cos(sighting.motion.angle)])
         V[2:, 2:] -= np.outer(across, across) * max(V[2, 2] - blur**2, 0)
-    state = np.array([sighting.x, sighting.y, 0.0, 0.0])
+    state = np.array([*sighting.motion.center, 0.0, 0.0])
     return Track(state, V, blur, {index: sighting})
 
 
@@ -174,11 +178,13 @@ def in_time(index: int, track: Track) -> tuple[Sighting, bool]:
     after = [i for i in track.seen if i > index]
     a = track.seen[max(before)] if before else sighting
     b = track.seen[min(after)] if after else sighting
-    along = np.array([np.cos(sighting.angle), np.sin(sighting.angle)])
-    moved = float(along @ (b.place - a.place))
-    std = float(np.sqrt(along @ (a.covariance + b.covariance) @ along))
+    along = np.array([np.cos(sighting.motion.angle), np.sin(sighting.motion.angle)])
+    moved = float(along @ (b.motion.center - a.motion.center))
+    std = float(np.sqrt(along @ (a.motion.center_covariance + b.motion.center_covariance) @ along))
     # A displacement mostly across the streak does not determine the direction along it.
-    least = max(_MIN_DIRECTION_STD * std, float(np.linalg.norm(b.place - a.place)) / 2)
+    least = max(
+        _MIN_DIRECTION_STD * std, float(np.linalg.norm(b.motion.center - a.motion.center)) / 2
+    )
     if not (abs(moved) > least and sighting.moved):
         return sighting, False
     return (sighting if moved > 0 else sighting.reversed), True

@@ -52,8 +52,8 @@ def _log_radii(
     assumed = frame.meta.transfer
     if assumed is None:
         return None
-    (width, height), reach = frame.size, seen.radius + _MARGIN
-    xs, ys = (seen.first_x, seen.last_x), (seen.first_y, seen.last_y)
+    (width, height), reach = frame.size, seen.motion.radius + _MARGIN
+    xs, ys = seen.motion.trajectory.xy[[0, -1]].T.tolist()
     box = (
         max(int(min(xs) - reach), 0),
         max(int(min(ys) - reach), 0),

@@ -313,6 +313,12 @@ class Motion:
         return np.array([self._std("x"), self._std("y")])
 
     @property
+    def center_covariance(self) -> Array:
+        """(2, 2) covariance of the center, pixels²; symmetric to the last bit."""
+        (xx, xy), (_, yy) = self.covariance[:2, :2]
+        return np.array([[xx, xy], [xy, yy]])
+
+    @property
     def angle_std(self) -> float:
         """Standard deviation of the direction, radians."""
         return self._std("angle")
@@ -372,6 +378,23 @@ class Motion:
             speeds_std=self.speeds_std[::-1],
             backward=not self.backward,
         )
+
+    def shifted(self, x: float, y: float) -> Motion:
+        """The same elsewhere, such as in the picture if it was measured in a part of it, pixels."""
+        corner, path = np.array([x, y], float), self.trajectory
+        values = self.values.copy()
+        values[:2] += corner
+        return replace(self, trajectory=Trajectory(path.xy + corner, path.t), values=values)
+
+    def with_errors_times(self, place: float, path: float, size: float) -> Motion:
+        """The same with larger errors: of the place, of the path, and of the size, by these factors."""
+        by = {"x": place, "y": place, "angle": path, "length": path, "top_speed": path}
+        factors = np.array([by.get(name, size) for name in QUANTITIES])
+        covariance = np.outer(factors, factors) * self.covariance
+        # The squares of the standard deviations themselves, whose roots are these to the last bit.
+        stds = factors * np.sqrt(np.maximum(np.diag(self.covariance), 0))
+        np.fill_diagonal(covariance, [std**2 for std in stds.tolist()])
+        return replace(self, covariance=covariance)
 
     def outline_at(self, t: float) -> Array:
         """(129, 2) points of the silhouette's outline at exposure fraction t, pixels.
