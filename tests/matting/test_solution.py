@@ -7,7 +7,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import Quality, Solution
+from blurmatte.matting import Quality, Solution, SolutionStats
+from blurmatte.matting.stats import SweepSummary
+from blurmatte.sweep import Diagnostics
 
 RED = ColorModel(np.array([[1.0], [0], [0]]))
 GOOD = 0
@@ -127,6 +129,27 @@ def test_layer_converts_the_streak_only(monkeypatch):
     assert_array_equal(large.layer.crop((40, 30, 42, 31)).premultiplied, small.layer.premultiplied)
     assert large.layer.alpha.sum() == 0.75
     assert set(seen) == {6}
+
+
+def test_path_and_outlines_move_with_the_picture():
+    """Exact: those of a crop are drawn where the crop lies."""
+    path, outline = ((0.5, 1.0), (2.0, 3.0)), ((0.0, 1.0), (2.0, 3.0))
+    sweep = SweepSummary(
+        silhouette="disc",
+        path="line",
+        xy=path,
+        length=2.5,
+        radius=5.0,
+        radius_std=0.1,
+        outlines=(outline, ()),
+        diagnostics=Diagnostics(converged=True, residual_excess=1.0),
+    )
+    stats = SolutionStats(streak_box=(1, 2, 3, 4), sweep=sweep)
+    moved = replace(solution([0.5, 0.25], [GOOD, GOOD]), stats=stats)
+    moved = moved.in_picture((40, 30, 42, 31), (100, 80)).stats
+    assert moved.streak_box == (41, 32, 43, 34)
+    assert moved.sweep.xy == ((40.5, 31.0), (42.0, 33.0))
+    assert moved.sweep.outlines == (((40.0, 31.0), (42.0, 33.0)), ())
 
 
 def test_masks_are_read_only():

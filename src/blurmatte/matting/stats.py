@@ -184,6 +184,17 @@ class SweepSummary:
             shadow=None if sweep.cast is None else ShadowSummary(**sweep.cast.numbers),
         )
 
+    def moved(self, x: int, y: int) -> SweepSummary:
+        """The same in a picture in which that of the sweep begins at x, y; pixels."""
+
+        def shifted(points: _Points) -> _Points:
+            """The points there."""
+            return tuple((a + x, b + y) for a, b in points)
+
+        return replace(
+            self, xy=shifted(self.xy), outlines=tuple(shifted(one) for one in self.outlines)
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class SolutionStats:
@@ -274,10 +285,12 @@ class SolutionStats:
             """The box there."""
             return box[0] + x, box[1] + y, box[2] + x, box[3] + y
 
-        if self.streak_box is None:
-            return self
-        others = tuple(map(shifted, self.other_boxes))
-        return replace(self, streak_box=shifted(self.streak_box), other_boxes=others)
+        return replace(
+            self,
+            streak_box=None if self.streak_box is None else shifted(self.streak_box),
+            other_boxes=tuple(map(shifted, self.other_boxes)),
+            sweep=None if self.sweep is None else self.sweep.moved(x, y),
+        )
 
     def with_match(self, match: Match) -> SolutionStats:
         """The same with the match of a plate that was matched before it was given to `solve`."""
