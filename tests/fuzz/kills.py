@@ -28,6 +28,7 @@ from blurmatte.rendering import Ball, Scene, colorful_plate
 KILLED = 99
 EVENTS = "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.chmod"
 PIXELWISE = "--solver", "pixelwise", "--transfer", "srgb"
+NO_TEXT = os.fsdecode(b"f\xff.png")  # a name that is not UTF-8
 
 Files = dict[str, bytes]
 
@@ -48,6 +49,7 @@ def make_inputs(folder: Path) -> None:
         bm.write(folder / f"b{k}.png", bm.LinearImage((empty.rgb * 0.5**k).astype(np.float32)))
     bm.write(folder / "plate.png", empty)
     bm.write(folder / "f3.jpg", image)
+    shutil.copy(folder / "f1.png", folder / NO_TEXT)
     bm.write(folder / "layer.exr", bm.solve(image, empty, truth.model, bm.Pixelwise()))
     (folder / "scene.toml").write_text(BALL)
     (folder / "old.toml").write_text(BALL.replace("radius = 5", "radius = 4"))
@@ -88,6 +90,8 @@ def commands(i: Path, o: Path) -> dict[str, Callable[[bool], list[str | Path]]]:
     own = "--image", image, "--plate", plate
     return {
         "solve": lambda old: ["solve", *pair, *PIXELWISE, "--color", color(old), "-o", o / "s"],
+        "pictures": lambda old: ["solve", i / "f0.png", i / NO_TEXT, "--plate", plate, *PIXELWISE,
+                                 "--color", color(old), "--workers", "1", "-o", o / "s"],
         "plate": lambda old: ["plate", i / "f[0-3].png", *(["--frames", "0:3"] if old else []),
                               "-o", o / "p.exr"],
         "row": lambda old: ["edit", i / "l.####.exr", *fade(old), "-o", o / "r.####.exr"],
@@ -120,6 +124,7 @@ def commands(i: Path, o: Path) -> dict[str, Callable[[bool], list[str | Path]]]:
     }  # fmt: skip
 
 
+JOURNALS = ".unfinished", "manifest.jsonl"  # grow line by line
 SETS = "solve", "plate", "row", "render", "paints"  # files that belong together
 
 
@@ -203,7 +208,7 @@ def faults(name: str, old: Files, new: Files, now: Files) -> Iterator[str]:
     files = {
         file: content
         for file, content in now.items()
-        if ".blurmatte-" not in file and not file.endswith((".incomplete", ".unfinished"))
+        if ".blurmatte-" not in file and not file.endswith((".incomplete", *JOURNALS))
     }
     for file, content in files.items():
         if content not in (old.get(file), new.get(file)):
