@@ -213,7 +213,7 @@ def faults(name: str, old: Files, new: Files, now: Files) -> Iterator[str]:
     for file, content in files.items():
         if content not in (old.get(file), new.get(file)):
             yield f"{file} is torn"
-    for file in old.keys() - files.keys():
+    for file in old.keys() - now.keys():
         if f"{Path(file).name}.incomplete" not in marked:
             yield f"{file} is lost"
     changed = {file for file in new if old.get(file) != new[file]}
