@@ -1,12 +1,12 @@
 """Cadence: frames of a clip that repeat the one before, and places where frames may be missing.
 
-A clip that was converted to another rate, or whose recording skipped, shows an object at rest from one
-frame to the next, or that it moved several times as far, while its motion before and after is steady.
+A clip that was converted to another rate, or whose recorder skipped captures, has a displacement of
+zero between two frames, or a multiple of the usual one, while the motion before and after is steady.
 
 A conversion to a higher rate shows some captures in two frames or more. The time stamp of a frame is
 then up to one interval later than the capture, while captures are equally spaced. A recorder that
-stops for a moment repeats a frame instead of the next captures: the object moves several times as far
-after it, and time stamps are right.
+stops for a moment stores one frame again in place of the next captures: the displacement after it is a
+multiple of the usual one, and time stamps are right.
 """
 
 from __future__ import annotations
