@@ -294,8 +294,9 @@ def join_in_line(parts: Sequence[Bools], T: Floats) -> list[Bools]:
 
 def _joined(parts: list[Bools], is_streak: Callable[[Bools], bool]) -> list[Bools]:
     """The parts after all possible joins, each the first that is found."""
-    short = [part for part in parts if not _has_direction(_cells(part))]
-    waiting = [part for part in parts if not any(part is other for other in short)]
+    waiting, short = list[Bools](), list[Bools]()
+    for part in parts:
+        (waiting if _has_direction(_cells(part)) else short).append(part)
     done: list[tuple[Bools, Array]] = []
     while waiting:
         part = waiting.pop(0)
