@@ -184,13 +184,14 @@ def test_path_is_drawn_only_of_the_likeliest_hypothesis():
         diagnostics=Diagnostics(),
     )
     stats = replace(solution.stats, sweep=sweep, weights=(0.2, 0.8))
+    own = Alternative("no shape, one paint", (1.0, 0.0, 0.0), "#ff0000", 0.8, 1.0, 0.0, None)
     bright = [
         np.count_nonzero(
             (draw_overview(image, plate, s)[700:900, 40:1000] == Palette.bright).all(-1)
         )
         for s in (
             replace(solution, solver="Swept()", stats=stats),
-            replace(solution, solver="Smooth()", stats=stats),
+            replace(solution, solver="Smooth()", stats=replace(stats, alternatives=(own,))),
         )
     ]
     assert bright[0] > bright[1] + 500

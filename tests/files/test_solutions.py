@@ -12,8 +12,13 @@ from blurmatte.files import read, read_layer, read_solution, write
 from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.matting import Grade, Quality, Solution, SolutionStats
 from blurmatte.matting.alternatives import Alternative
-from blurmatte.matting.smooth import SmoothSummary
-from blurmatte.matting.stats import MatchSummary, MedianNoise, ShadowSummary, SweepSummary
+from blurmatte.matting.stats import (
+    MatchSummary,
+    MedianNoise,
+    ShadowSummary,
+    SmoothSummary,
+    SweepSummary,
+)
 from blurmatte.radiometry import NoiseModel
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import ErrorTerms

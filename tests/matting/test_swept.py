@@ -13,7 +13,7 @@ from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Smooth, Swept, solve
 from blurmatte.matting.averaging import AlphaEstimate
-from blurmatte.matting.swept import mean_of_neighbors, occluded
+from blurmatte.matting.swept import mean_of_neighbors, occluded, write_swept
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
@@ -265,7 +265,7 @@ def test_swept_writes_the_given_estimate(wall):
     maps = PixelMaps.empty(h, w, np.float64)
     for values in maps:
         values[...] = 0
-    Swept()(maps, sweep, estimate, image, plate, (0, 0, w, h))
+    write_swept(maps, sweep, estimate, image, plate, (0, 0, w, h))
     assert_allclose(maps.alpha, alpha)
     assert_allclose(maps.alpha_std, estimate.alpha_std)
     inside = alpha > 0.01

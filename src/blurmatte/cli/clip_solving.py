@@ -39,7 +39,7 @@ from blurmatte.formats import Writes, is_clip, written
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
-Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
+Solver: TypeAlias = "bm.matting.Solver"
 _LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solution"
 
 

@@ -16,7 +16,7 @@ _VERBS = {"turning": "turns", "changing": "changes"}  # of silhouettes, by their
 
 def likeliest_shape(solution: Solution) -> SweepSummary | None:
     """The fitted shape on a path, unless alpha without a shape has a larger weight."""
-    return None if solution.solver.startswith("Smooth") else solution.stats.sweep
+    return solution.stats.sweep if solution.stats.has_shape else None
 
 
 def sweep_in_words(solution: Solution) -> list[str]:

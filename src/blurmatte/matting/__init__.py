@@ -1,5 +1,9 @@
 """From image, plate and colors to alpha and color, each with its error."""
 
+from blurmatte.matting.case import Answer as Answer
+from blurmatte.matting.case import Case as Case
+from blurmatte.matting.case import Solver as Solver
+from blurmatte.matting.hypotheses import Swept as Swept
 from blurmatte.matting.maps import Grade as Grade
 from blurmatte.matting.maps import PixelMaps as PixelMaps
 from blurmatte.matting.maps import Quality as Quality
@@ -9,4 +13,3 @@ from blurmatte.matting.smooth import Smooth as Smooth
 from blurmatte.matting.solution import Solution as Solution
 from blurmatte.matting.solve import solve as solve
 from blurmatte.matting.stats import SolutionStats as SolutionStats
-from blurmatte.matting.swept import Swept as Swept

@@ -1,37 +1,31 @@
-"""Case: pictures, streak, colors and hypotheses of one solve, and the fits of single pixels.
+"""Case: pictures, streak, colors and hypotheses of one solve; Solver: what makes an Answer of them.
 
 Except for `Pixelwise`, only a box around the streak is solved. Outside it alpha is 0 and OUTSIDE.
 
 A streak's mask grows by hysteresis, and has a margin for pixels below the threshold.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 from blurmatte.background import Match
-from blurmatte.checks import Bools, Box, Codes8, check_map
+from blurmatte.checks import Bools, Box, Codes8
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.evidence import evidence_of, pixels_of
-from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import PixelMaps, Quality
-from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
+from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate
 from blurmatte.matting.noise_inflation import noise_inflation
-from blurmatte.matting.pixelwise import Pixelwise
-from blurmatte.matting.shaded import Shaded
-from blurmatte.matting.smooth import Smooth, SmoothSummary
-from blurmatte.matting.swept import Swept
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.matting.stats import SolutionStats
+from blurmatte.radiometry import LinearImage, Noise
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.sweep import Sweep
-
-Solver = Pixelwise | Smooth | Swept | Shaded
 
 MARGIN_PX = 16  # around a streak, of pixels where nothing moved
 # Settings of the growth.
@@ -54,12 +48,11 @@ class Pictures:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Pictures, streak, solver, colors and sweeps of one solve."""
+    """Pictures, streak, colors and sweeps of one solve."""
 
     pictures: Pictures
     found: Streak  #: where image and given plate differ
     model: ColorModel
-    solver: Solver | None  #: None averages all hypotheses
     hypotheses: Hypotheses | None  #: None if the solver needs no sweep
     fitted: "Fitted | None" = None  #: None if the hypotheses were fitted to these pictures
 
@@ -116,38 +109,8 @@ class Case:
         x1, y1 = boxes[:, 2:].max(axis=0)
         return int(x0), int(y0), int(x1), int(y1)
 
-    def closed_form(self, box: Box, out: PixelMaps | None = None) -> PixelMaps:
-        """Maps of the whole picture from the closed form of each pixel in a box.
-
-        Pixels with one clipped channel and those at uncertain edges are solved by their own equations.
-
-        out: arrays to write to.
-        """
-        solver = self.solver if isinstance(self.solver, Pixelwise) else Pixelwise()
-        flags = self._flags()
-        image, plate, model = self.image.crop(box), self.plate.crop(box), self.model
-        whole = image.size == self.image.size
-        place = rows_columns(box, (0, 0, *self.image.size))
-        noise: Any = image.noise, plate.noise  # known
-        direct = out if whole else None
-        near = solver(image.rgb, plate.rgb, model, noise[0], noise[1], flags[place], out=direct)
-        solve_clipped(near, image, plate, model, solver.max_alpha_std)
-        maps = near if whole else _in_picture(near, box, flags, out)
-        around = self.streak.around(MARGIN_PX)
-        C, B, mixed = self.within(around)
-        solve_mixed_plate(maps.within(around), mixed, C, B, model, solver.max_alpha_std)
-        return maps
-
-    def smooth(self, solver: Smooth, maps: PixelMaps) -> tuple[float, SmoothSummary]:
-        """Write alpha and light by `Smooth` into maps of the closed form; what it returns."""
-        box = self.grown_streak.around(MARGIN_PX)
-        inside = self.grown_streak.mask[box[1] : box[3], box[0] : box[2]]
-        C, B, mixed = self.within(box)
-        found = solver(maps, C, B, self.model, inside, box, mixed)
-        inpaint_light(maps.within(box), C, B)
-        return found
-
-    def _flags(self) -> Codes8:
+    @property
+    def flags(self) -> Codes8:
         """(H, W) quality that does not depend on the solver."""
         hidden = self.pictures.hidden
         saturated = ~(self.image.valid & self.plate.valid) & ~hidden
@@ -167,23 +130,65 @@ class Fitted:
     size: FittingSize
 
 
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a solver found.
+
+    Parameters
+    ----------
+    maps : PixelMaps
+        Alpha and light of the whole picture.
+    model : ColorModel
+        Colors of the object.
+    streak : Streak
+        Where alpha was estimated.
+    stats : SolutionStats
+        What the solver knows about its answer; without a grade if its errors are not calibrated.
+    chosen : Solver or None
+        The solver of the largest weight, of one that averages several.
+    error_factor : float
+        By which the calibrated error exceeds the claimed one, 1 or more.
+    errors_like : "Pixelwise", "Smooth" or ""
+        Of stats without a grade, the solver whose calibration holds for the errors. Without one the
+        factor is that of `Pixelwise`, and the grade is assumed.
+    locates : bool
+        Whether a shape says where the object is, so that its shadow is no part of it.
+    separates_shadow : bool
+        Whether the solver estimates the shadow itself.
+    """
+
+    maps: PixelMaps
+    model: ColorModel
+    streak: Streak
+    stats: SolutionStats
+    chosen: "Solver | None" = None
+    error_factor: float = 1.0
+    errors_like: str = ""
+    locates: bool = False
+    separates_shadow: bool = False
+
+
+class Solver(ABC):
+    """Estimates alpha and light of a case. `solve` takes any subclass."""
+
+    needs_sweep: ClassVar[bool] = False  #: whether sweeps are fitted where the colors are known
+
+    def colors(self, model: ColorModel | None) -> ColorModel | None:
+        """The colors to solve with, if some were given or the solver knows its own."""
+        return model
+
+    @abstractmethod
+    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
+        """Solve a case.
+
+        out: arrays to write the maps to.
+        """
+
+
 def rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:
     """Rows and columns of a part (x0, y0, x1, y1) of the picture in a box of it."""
     (x, y), (x0, y0, x1, y1) = box[:2], part
     return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
-
-
-def _in_picture(near: PixelMaps, box: Box, flags: Codes8, out: PixelMaps | None) -> PixelMaps:
-    """Maps of a picture from those of a box, 0 elsewhere."""
-    height, width = flags.shape
-    maps = PixelMaps.zeros(height, width, near.alpha.dtype) if out is None else out
-    if out is not None:
-        check_map("out", out.premultiplied, (height, width, 3))
-        for values in out:
-            values[...] = 0
-    maps.quality[...] = flags
-    maps.write(box, near)
-    return maps
 
 
 def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:
@@ -191,9 +196,8 @@ def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) ->
     factor = 1.0 if hypotheses is None else hypotheses.best.diagnostics.noise_inflation
     if factor == 1:
         return picture
-    noise = picture.noise
-    if isinstance(noise, NoiseModel):  # a model needs less memory than a variance for each pixel
-        return picture.with_noise(NoiseModel.from_coefficients(factor * noise.coefficients))
+    if isinstance(picture.noise, Noise):  # it needs less memory than a variance for each pixel
+        return picture.with_noise(picture.noise.times(factor))
     return picture.with_noise(factor * picture.variance)
 
 

@@ -18,14 +18,15 @@ from blurmatte.matting.calibration import (
     graded,
     reasons,
 )
-from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
+from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.stats import SolutionStats, SweepSummary
 from blurmatte.matting.summary import streak_sums
-from blurmatte.matting.swept import Swept
+from blurmatte.matting.swept import write_swept
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
@@ -75,13 +76,13 @@ class _WeightedHypotheses:
     estimates: list[AlphaEstimate]  #: of all, in the box
 
     @classmethod
-    def of(cls, case: Case) -> "_WeightedHypotheses":
-        """Sweeps of a case, and hypotheses without a shape unless it has a solver."""
+    def of(cls, case: Case, without_shape: bool) -> "_WeightedHypotheses":
+        """Sweeps of a case, and perhaps hypotheses without a shape."""
         assert case.hypotheses is not None
         sweeps = list(case.hypotheses.sweeps)
-        if case.solver is None:
+        if without_shape:
             _LOG.info("solving alpha without a shape")
-        shapeless = [] if case.solver is not None else _without_shape(case)
+        shapeless = _without_shape(case) if without_shape else []
         evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
         box = case.box_with(sweeps)
         estimates = [_estimate(replace(sweep, opacity_std=0.0), box) for sweep in sweeps]
@@ -132,16 +133,32 @@ class _WeightedHypotheses:
         ]
 
 
-def average_hypotheses(
-    case: Case, out: PixelMaps | None
-) -> tuple[Case, PixelMaps, SolutionStats, float]:
-    """Average the sweeps of a case, and alpha without a shape unless its solver is `Swept`.
+@dataclass(frozen=True)
+class Swept(Solver):
+    """Alpha from path and silhouette of the whole streak, fitted together with its color."""
 
-    Returns a case with solver and colors of the likeliest hypothesis, maps, the numbers of the average,
-    and by how much its error exceeds the claimed one, 1 or more.
-    """
+    needs_sweep = True
+
+    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
+        """Average the sweeps of a case."""
+        return _averaged(case, out, without_shape=False)
+
+
+@dataclass(frozen=True)
+class Averaged(Solver):
+    """Sweeps and `Smooth`, averaged by their evidence."""
+
+    needs_sweep = True
+
+    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
+        """Average the sweeps of a case, and alpha without a shape."""
+        return _averaged(case, out, without_shape=True)
+
+
+def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
+    """The average of hypotheses, with the solver and the colors of the likeliest one."""
     fitted = case if case.fitted is None else case.fitted.case
-    found = _WeightedHypotheses.of(fitted)
+    found = _WeightedHypotheses.of(fitted, without_shape)
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     exact = case.is_exact
@@ -162,7 +179,7 @@ def average_hypotheses(
         size = case.fitted.size
         alternatives = [_in_pixels(one, size) for one in alternatives]
         found, average = _enlarged(found, average, case, size)
-    model, solver, maps = _written(found, average, case, out)
+    model, maps = _written(found, average, case, out)
     stats = SolutionStats(
         sum_alpha_std=average.sum_std,
         alpha_scale_std=average.scale_std,
@@ -176,25 +193,26 @@ def average_hypotheses(
         grade=grade,
         alpha_error=alpha_error,
     )
-    return replace(case, model=model, solver=solver), maps, stats, max(error / claim, 1.0)
+    locates = isinstance(found.best, Sweep)
+    solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)
+    return Answer(maps, model, maps.solved, stats, solver, factor, locates=locates)
 
 
 def _written(
     found: _WeightedHypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
-) -> tuple[ColorModel, Solver, PixelMaps]:
-    """Colors and solver of the likeliest hypothesis, and maps with the average and its light."""
+) -> tuple[ColorModel, PixelMaps]:
+    """Colors of the likeliest hypothesis, and maps with the average and its light."""
     box, best = found.box, found.best
-    maps = case.closed_form(box, out)
+    maps = closed_form(case, box, out)
     C, B, mixed = case.within(box)
-    solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
     model = best.model
     if isinstance(best, Sweep):
         model = case.model if case.is_exact else model
-        Swept()(maps, best, average, C, mixed.with_edge_variance(B), box)
+        write_swept(maps, best, average, C, mixed.with_edge_variance(B), box)
     else:
         _write(maps, best, average, C, B, box)
     inpaint_light(maps.within(box), C, B)
-    return model, solver, maps
+    return model, maps
 
 
 def _enlarged(
@@ -279,9 +297,8 @@ def _without_shape(case: Case) -> list[_Shapeless]:
 def _shapeless(case: Case) -> _Shapeless:
     """Alpha by `Smooth` with the colors of the case."""
     assert case.hypotheses is not None
-    box = case.grown_streak.around(MARGIN_PX)
-    maps = case.closed_form(box)
-    sum_std, _ = case.smooth(Smooth(), maps)
+    box, answer = case.grown_streak.around(MARGIN_PX), Smooth().answer(case, None)
+    maps, sum_std = answer.maps, answer.stats.sum_alpha_std or 0.0
     sums = streak_sums(maps, case.model, case.image, case.plate, case.streak)
     scale_std = sums.alpha_scale_std
     near = maps.within(box)

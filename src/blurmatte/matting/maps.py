@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box, Codes8, Floats
+from blurmatte.streaks import Streak
 
 # Light is stored as float32, so no value is known to better than about 1e-6 of full scale. The bound
 # also keeps weights finite where image and plate have no noise.
@@ -77,6 +78,11 @@ class PixelMaps(NamedTuple):
         """Write the maps of a box (x0, y0, x1, y1)."""
         for target, values in zip(self.within(box), maps, strict=True):
             target[...] = values
+
+    @property
+    def solved(self) -> Streak:
+        """Where alpha was estimated."""
+        return Streak(~has_flag(self.quality, Quality.OUTSIDE))
 
     def within(self, box: Box) -> "PixelMaps":
         """Views of a box (x0, y0, x1, y1)."""

@@ -22,9 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Codes, Codes8, Floats, check_map
+from blurmatte.checks import Box, Codes, Codes8, Floats, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.compiling import FAST_MATH, njit
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
+from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.maps import (
     MAX_CHI2,
     MAX_RANGE_STDS,
@@ -33,7 +35,9 @@ from blurmatte.matting.maps import (
     Quality,
     in_strips,
 )
-from blurmatte.radiometry import NoiseModel
+from blurmatte.matting.mixed_plate import solve_mixed_plate
+from blurmatte.matting.stats import SolutionStats
+from blurmatte.radiometry import Noise, NoiseModel
 
 # Without "nnan" and "ninf": the error of a pixel without information is infinite and must stay so.
 _FAST_MATH = FAST_MATH | {"afn"}
@@ -48,7 +52,7 @@ _MAX_RANGE_STDS, _MAX_CHI2 = np.float32(MAX_RANGE_STDS), np.float32(MAX_CHI2)
 
 
 @dataclass(frozen=True)
-class Pixelwise:
+class Pixelwise(Solver):
     """Solve each pixel alone, in closed form ([GC07 §3.2], weighted by the noise).
 
     Parameters
@@ -63,13 +67,18 @@ class Pixelwise:
         if not self.max_alpha_std > 0:
             raise ValueError(f"max_alpha_std must be positive, got {self.max_alpha_std}")
 
+    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
+        """Solve the whole picture of a case."""
+        maps = closed_form(case, (0, 0, *case.image.size), out, self)
+        return Answer(maps, case.model, case.streak, SolutionStats(), errors_like="Pixelwise")
+
     def __call__(
         self,
         image: Floats | Codes,
         plate: Floats | Codes,
         model: ColorModel,
-        image_noise: NoiseModel | Floats,
-        plate_noise: NoiseModel | Floats,
+        image_noise: Noise | Floats,
+        plate_noise: Noise | Floats,
         flags: Codes8 | None = None,
         tables: tuple[Floats, Floats] | None = None,
         out: PixelMaps | None = None,
@@ -82,7 +91,7 @@ class Pixelwise:
             Linear light as floats; or code values, uint8 or uint16, decoded by `tables`.
         model : ColorModel
             With a model of rank 3 a single pixel has no information: alpha is 0, its error infinite.
-        image_noise, plate_noise : NoiseModel or (H, W, 3) variances
+        image_noise, plate_noise : Noise or (H, W, 3) variances
             Variances per pixel are for light only, not for code values.
         flags : (H, W) uint8, optional
             `Quality` bits already known; the result keeps them.
@@ -108,14 +117,49 @@ class Pixelwise:
         def solve_rows(rows: slice) -> None:
             """Solve some rows."""
             maps.quality[rows] = 0 if flags is None else flags[rows]
-            noise = [
-                n if isinstance(n, NoiseModel) else n[rows] for n in (image_noise, plate_noise)
-            ]
+            noise = [n if isinstance(n, Noise) else n[rows] for n in (image_noise, plate_noise)]
             solve, arguments = _compiled(image[rows], plate[rows], noise, tables, dtype)
             solve(*arguments, N, max_std, tuple(np.reshape(m[rows], -1) for m in maps))
 
         in_strips(solve_rows, height)
         return maps
+
+
+def closed_form(
+    case: Case, box: Box, out: PixelMaps | None = None, solver: Pixelwise | None = None
+) -> PixelMaps:
+    """Maps of the whole picture from the closed form of each pixel in a box.
+
+    Pixels with one clipped channel and those at uncertain edges are solved by their own equations.
+
+    out: arrays to write to.
+    """
+    solver = solver or Pixelwise()
+    image, plate, model = case.image.crop(box), case.plate.crop(box), case.model
+    whole = image.size == case.image.size
+    flags, place = case.flags, rows_columns(box, (0, 0, *case.image.size))
+    noise: Any = image.noise, plate.noise  # known
+    direct = out if whole else None
+    near = solver(image.rgb, plate.rgb, model, noise[0], noise[1], flags[place], out=direct)
+    solve_clipped(near, image, plate, model, solver.max_alpha_std)
+    maps = near if whole else _in_picture(near, box, flags, out)
+    around = case.streak.around(MARGIN_PX)
+    C, B, mixed = case.within(around)
+    solve_mixed_plate(maps.within(around), mixed, C, B, model, solver.max_alpha_std)
+    return maps
+
+
+def _in_picture(near: PixelMaps, box: Box, flags: Codes8, out: PixelMaps | None) -> PixelMaps:
+    """Maps of a picture from those of a box, 0 elsewhere."""
+    height, width = flags.shape
+    maps = PixelMaps.zeros(height, width, near.alpha.dtype) if out is None else out
+    if out is not None:
+        check_map("out", out.premultiplied, (height, width, 3))
+        for values in out:
+            values[...] = 0
+    maps.quality[...] = flags
+    maps.write(box, near)
+    return maps
 
 
 def _unknown(maps: PixelMaps, flags: Codes8 | None) -> PixelMaps:
@@ -130,7 +174,7 @@ def _unknown(maps: PixelMaps, flags: Codes8 | None) -> PixelMaps:
 
 
 def _compiled(
-    image: Any, plate: Any, noise: list[NoiseModel | Floats], tables: Any, dtype: np.dtype[Any]
+    image: Any, plate: Any, noise: list[Noise | Floats], tables: Any, dtype: np.dtype[Any]
 ) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The compiled loop for this kind of input, and its arguments from image to noise."""
     C, B = (np.ascontiguousarray(a).reshape(-1) for a in (image, plate))
@@ -141,7 +185,7 @@ def _compiled(
     if all(isinstance(n, NoiseModel) for n in noise):
         return solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))
     variances = (
-        (n.variance(light) if isinstance(n, NoiseModel) else n) + MIN_VARIANCE
+        (n.variance(light) if isinstance(n, Noise) else n) + MIN_VARIANCE
         for n, light in zip(noise, (image, plate), strict=True)
     )
     return solve_light_with_variances, (
@@ -156,10 +200,10 @@ def _normals(model: ColorModel, dtype: np.dtype[Any]) -> tuple[Any, ...]:
     return tuple(dtype.type(x) for x in (*normals.ravel(), model.rank - 1))
 
 
-def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+def _coefficients(noise: Noise | Floats, dtype: np.dtype[Any]) -> tuple[Any, ...]:
     """Nine numbers of a noise model: those of 1, light and light² of each channel."""
     if not isinstance(noise, NoiseModel):
-        raise TypeError("code values need a NoiseModel, not a variance for each pixel")
+        raise TypeError("code values need a NoiseModel, whose variance is a polynomial of light")
     coefficients = noise.coefficients.copy()
     coefficients[:, 0] += MIN_VARIANCE
     return tuple(dtype.type(x) for x in coefficients.ravel())

@@ -23,6 +23,8 @@ import numpy as np
 from blurmatte.checks import Array, Bools, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import darker_pixels
+from blurmatte.errors import ColorModelError
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.maps import (
     MAX_CHI2,
     MAX_RANGE_STDS,
@@ -32,13 +34,15 @@ from blurmatte.matting.maps import (
     alpha_flags,
     has_flag,
 )
+from blurmatte.matting.pixelwise import closed_form
+from blurmatte.matting.stats import SolutionStats
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.shadow_mask import cast_shadow_mask
 
 
 @dataclass(frozen=True, eq=False)
-class Shaded:
+class Shaded(Solver):
     """Solve each pixel alone for alpha and the object's shadow on the plate.
 
     Give exactly one of `light` and `plate`.
@@ -79,6 +83,31 @@ class Shaded:
     def __repr__(self) -> str:
         known = f"light={self.light}" if self.plate is None else "plate in shadow"
         return f"Shaded({known})"
+
+    def colors(self, model: ColorModel | None) -> ColorModel | None:
+        """The line of the object's light if it is known, else the given line."""
+        if self.light is not None:
+            return ColorModel.from_samples(np.array([self.light]), std=1e-9)
+        if model is not None and model.rank != 1:
+            raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
+        return model
+
+    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
+        """Solve the streak of a case."""
+        if case.model.rank != 1:
+            raise ColorModelError(
+                "a plate in shadow needs an object of one color, but the colors found in the streak "
+                "are more: give its color (--color)"
+            )
+        box, shaded = case.streak.around(MARGIN_PX), None
+        maps = closed_form(case, case.box_with(()), out)
+        if self.plate is not None:
+            shaded = case.pictures.match.apply(self.plate).crop(box)
+        pictures = case.image.crop(box), case.plate.crop(box), shaded
+        S = self(maps.within(box), *pictures, case.model)
+        inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
+        stats = SolutionStats(sum_shadow=float(S[inside].sum()))
+        return Answer(maps, case.model, case.streak, stats, separates_shadow=True)
 
     def __call__(
         self,

@@ -17,6 +17,7 @@ import numpy as np
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.evidence import (
     FirstEstimate,
     PixelPairs,
@@ -25,11 +26,13 @@ from blurmatte.matting.evidence import (
     pixels_of,
     without_fine_structure,
 )
+from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.light_priors import with_brightness, with_mixture
 from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.noise_inflation import BLOCK_PX, noise_inflation
 from blurmatte.matting.object_light import light_given
+from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.matting.smooth_field import (
@@ -42,6 +45,7 @@ from blurmatte.matting.smooth_field import (
     simulated_variance,
     sum_variance,
 )
+from blurmatte.matting.stats import SmoothSummary, SolutionStats
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.chroma_subsampling import (
     Compressed,
@@ -88,29 +92,7 @@ class _SmoothAlpha:
 
 
 @dataclass(frozen=True)
-class SmoothSummary:
-    """The prior that was chosen, and the convergence.
-
-    Parameters
-    ----------
-    order : int
-        Of the differences that are small: 1 or 2.
-    scale : float
-        Of such a difference between pixels.
-    steps : int
-        Of the last fit.
-    converged : bool
-        Whether it ended before the largest number of steps.
-    """
-
-    order: int
-    scale: float
-    steps: int
-    converged: bool
-
-
-@dataclass(frozen=True)
-class Smooth:
+class Smooth(Solver):
     """Solve all pixels of the streak together: alpha is smooth, except at edges.
 
     Alpha is the posterior mean of evidence and prior. Its error is that of simulations with a similar,
@@ -143,6 +125,17 @@ class Smooth:
                 f"strength must lie between {1 / MAX_STRENGTH:g} and {MAX_STRENGTH:g}, "
                 f"got {self.strength:g}"
             )
+
+    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
+        """Solve the streak of a case, with its faint rims."""
+        box = case.grown_streak.around(MARGIN_PX)
+        maps = closed_form(case, box, out)
+        inside = case.grown_streak.mask[box[1] : box[3], box[0] : box[2]]
+        C, B, mixed = case.within(box)
+        sum_std, summary = self(maps, C, B, case.model, inside, box, mixed)
+        inpaint_light(maps.within(box), C, B)
+        stats = SolutionStats(sum_alpha_std=sum_std, smooth=summary)
+        return Answer(maps, case.model, maps.solved, stats, errors_like="Smooth")
 
     def __call__(
         self,

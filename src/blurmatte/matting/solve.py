@@ -7,7 +7,7 @@ import numpy as np
 
 from blurmatte.background import Matching, agreement, fit_match
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, Box, as_array, check_kind, check_map, check_same_size
+from blurmatte.checks import Bools, as_array, check_kind, check_map, check_same_size
 from blurmatte.color.color_projection import streak_of_color
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
@@ -15,17 +15,14 @@ from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import graded_alone
-from blurmatte.matting.case import MARGIN_PX, Case, Fitted, Pictures, Solver
-from blurmatte.matting.hypotheses import average_hypotheses
+from blurmatte.matting.case import Answer, Case, Fitted, Pictures, Solver
+from blurmatte.matting.hypotheses import Averaged
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
-from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
-from blurmatte.matting.shaded import Shaded, mark_shadow
-from blurmatte.matting.smooth import Smooth
+from blurmatte.matting.shaded import mark_shadow
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, noise_of
 from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
-from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.streaks.outliers import without_outliers
@@ -60,9 +57,9 @@ def solve(
         measured from their difference.
     model : ColorModel, optional
         Colors of the object; fitted to the streak if not given, as by `fit_color`.
-    solver : Pixelwise, Smooth, Swept or Shaded, optional
-        If not given, sweeps and `Smooth()` are averaged by their evidence; `Solution.solver` names the
-        one of the largest weight.
+    solver : Solver, optional
+        `Pixelwise`, `Smooth`, `Swept`, `Shaded` or your own. If not given, sweeps and `Smooth()` are
+        averaged by their evidence; `Solution.solver` names the one of the largest weight.
     streak : Streak, optional
         Where the object moved; if not given, the most likely of `find_streaks`.
     matching : Matching, optional
@@ -92,9 +89,10 @@ def solve(
     """
     _check(image, plate, model, solver, streak, out, start)
     pictures = _matched(image, plate, matching, occluder)
+    solver = Averaged() if solver is None else solver
     case, others = _case_of(pictures, model, solver, streak, start, prior)
     warn_if_plate_differs(*case.compared)
-    return _solution(case, others, out)
+    return _solution(case, solver, others, out)
 
 
 def _check(
@@ -142,7 +140,7 @@ def _matched(
 def _case_of(
     pictures: Pictures,
     model: ColorModel | None,
-    solver: Solver | None,
+    solver: Solver,
     streak: Streak | None,
     start: Sweep | None,
     prior: MotionPrior | None,
@@ -155,21 +153,21 @@ def _case_of(
         found = merge_across_occluder(require_streaks(image, plate), pictures.hidden)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
-    model = _of_light(solver, model)
+    model = solver.colors(model)
     if model is None:
         chosen = likeliest_streak(image, plate, found)
     else:
         chosen = streak_of_color(found, image, plate, model)
     others = [other for other in found if other is not chosen]
-    if model is not None and isinstance(solver, Pixelwise | Smooth | Shaded):
-        return Case(pictures, chosen, model, solver, None), others
+    if model is not None and not solver.needs_sweep:
+        return Case(pictures, chosen, model, None), others
     _LOG.info("fitting the sweep")
     # Of a frame of a clip, start and prior are in its pixels.
     size = FittingSize.of(chosen) if start is None and prior is None else None
     if size is not None:
-        return _enlarged_case(size, pictures, chosen, model, solver), others
+        return _enlarged_case(size, pictures, chosen, model), others
     hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior)
-    return Case(pictures, chosen, _with_streak(model, hypotheses), solver, hypotheses), others
+    return Case(pictures, chosen, _with_streak(model, hypotheses), hypotheses), others
 
 
 def _enlarged_case(
@@ -177,7 +175,6 @@ def _enlarged_case(
     pictures: Pictures,
     streak: Streak,
     model: ColorModel | None,
-    solver: Solver | None,
 ) -> Case:
     """The case of hypotheses that were fitted to pictures of another size."""
     of_streak = size.streak(streak)
@@ -186,8 +183,8 @@ def _enlarged_case(
     fitted = fit_hypotheses(image, plate, of_streak, model)
     known = _with_streak(model, fitted)
     hypotheses = size.hypotheses(fitted, (plate, pictures.plate), (of_streak, streak))
-    of_means = Case(small, of_streak, known, solver, fitted)
-    return Case(pictures, streak, known, solver, hypotheses, Fitted(of_means, size))
+    of_means = Case(small, of_streak, known, fitted)
+    return Case(pictures, streak, known, hypotheses, Fitted(of_means, size))
 
 
 def _with_streak(model: ColorModel | None, hypotheses: Hypotheses) -> ColorModel:
@@ -197,37 +194,21 @@ def _with_streak(model: ColorModel | None, hypotheses: Hypotheses) -> ColorModel
     return model
 
 
-def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:
-    """The model, or that of the object's light if `Shaded` has it."""
-    if not isinstance(solver, Shaded):
-        return model
-    if solver.light is not None:
-        return ColorModel.from_samples(np.array([solver.light]), std=1e-9)
-    if model is not None and model.rank != 1:
-        raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
-    return model
-
-
-def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Solution:
+def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps | None) -> Solution:
     """Solve a case."""
-    only_lost, error_factor = may_be_shadow(*case.compared), 1.0
+    only_lost = may_be_shadow(*case.compared)
     _LOG.info("solving alpha")
-    if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
-        maps = case.closed_form(_box_of(case), out)
-        stats = _by_solver(case, maps)
-    else:
-        case, maps, stats, error_factor = average_hypotheses(case, out)
-        stats = stats.as_shadow() if only_lost else stats
-    streak, image, plate, shadow_std = case.streak, case.image, case.plate, 0.0
-    if not isinstance(case.solver, Shaded):
-        without_sweep = not isinstance(case.solver, Swept)
-        shadow_std = mark_shadow(maps, image, plate, streak, case.model, without_sweep, only_lost)
-    if not isinstance(case.solver, Pixelwise | Shaded):
-        streak = Streak(~has_flag(maps.quality, Quality.OUTSIDE))
-    sums = streak_sums(maps, case.model, image, plate, streak)
+    answer = solver.answer(case, out)
+    maps, model, streak, stats = answer.maps, answer.model, answer.streak, answer.stats
+    image, plate, shadow_std = case.image, case.plate, 0.0
+    if not answer.separates_shadow:
+        marked = case.streak, model, not answer.locates, only_lost
+        shadow_std = mark_shadow(maps, image, plate, *marked)
+    sums = streak_sums(maps, model, image, plate, streak)
     sums = sums.with_errors(stats.sum_alpha_std, stats.alpha_scale_std)
     if stats.grade is None:
-        stats = _graded_alone(stats, case, maps, sums, only_lost)
+        stats = _graded_alone(answer, case, sums)
+    stats = stats.as_shadow() if only_lost or answer.separates_shadow else stats
     parts = sums.sum_alpha_std, shadow_std, sums.alpha_scale_std * sums.sum_alpha
     sums = sums._replace(sum_alpha_std=float(np.linalg.norm(parts)))
     stats = replace(
@@ -246,29 +227,29 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
-        sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance)
-    model = replace(case.model, mean=mean_light(maps))
-    return Solution(*maps, model=model, solver=repr(case.solver), stats=stats, sweep=sweep)
+        sweep = replace(sweep, covariance=answer.error_factor**2 * sweep.covariance)
+    model = replace(model, mean=mean_light(maps))
+    name = repr(answer.chosen or solver)
+    return Solution(*maps, model=model, solver=name, stats=stats, sweep=sweep)
 
 
-def _graded_alone(
-    stats: SolutionStats, case: Case, maps: PixelMaps, sums: StreakSums, only_lost: bool
-) -> SolutionStats:
+def _graded_alone(answer: Answer, case: Case, sums: StreakSums) -> SolutionStats:
     """The stats of a solver without other hypotheses with its grade and errors.
 
     The maps keep their standard errors.
     """
+    maps, stats = answer.maps, answer.stats
     unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
     known = ~has_flag(maps.quality, unknown) & np.isfinite(maps.alpha_std)
     if not known.any():
         return replace(stats, grade=Grade.ASSUMED, alpha_error=1.0, grade_reasons=("color",))
     alpha, std = np.where(known, maps.alpha, 0), np.where(known, maps.alpha_std, np.inf)
     estimate = AlphaEstimate(alpha, std, sums.sum_alpha_std, sums.alpha_scale_std)
-    solver = "Smooth" if isinstance(case.solver, Smooth) else "Pixelwise"
-    found = graded_alone(estimate, solver, case.is_compressed, case.is_exact)
-    stats = replace(stats, **found._asdict())
-    # The light of an object is rarely as constant as `Shaded` assumes, and its factor is not fitted.
-    return stats.as_shadow() if only_lost or isinstance(case.solver, Shaded) else stats
+    known_errors = answer.errors_like or "Pixelwise"
+    found = graded_alone(estimate, known_errors, case.is_compressed, case.is_exact)
+    if not answer.errors_like:
+        found = found._replace(grade=Grade.ASSUMED)
+    return replace(stats, **found._asdict())
 
 
 def _check_numbers(maps: PixelMaps, case: Case) -> None:
@@ -282,28 +263,3 @@ def _check_numbers(maps: PixelMaps, case: Case) -> None:
             f"up to {std:.2g} (1 is white) is too much; repair the pictures, or give another noise "
             "(--noise)"
         )
-
-
-def _box_of(case: Case) -> Box:
-    """Where alpha may be other than 0; with `Pixelwise` the whole picture."""
-    if isinstance(case.solver, Pixelwise):
-        return (0, 0, *case.pictures.image.size)
-    if isinstance(case.solver, Smooth):
-        return case.grown_streak.around(MARGIN_PX)
-    return case.box_with(() if case.hypotheses is None else case.hypotheses.sweeps)
-
-
-def _by_solver(case: Case, maps: PixelMaps) -> SolutionStats:
-    """Write the solver's result into maps of the closed form; its own numbers."""
-    if isinstance(case.solver, Smooth):
-        sum_std, summary = case.smooth(case.solver, maps)
-        return SolutionStats(sum_alpha_std=sum_std, smooth=summary)
-    if not isinstance(case.solver, Shaded):
-        return SolutionStats()
-    box, shaded = case.streak.around(MARGIN_PX), None
-    if case.solver.plate is not None:
-        shaded = case.pictures.match.apply(case.solver.plate).crop(box)
-    pictures = case.image.crop(box), case.plate.crop(box), shaded
-    S = case.solver(maps.within(box), *pictures, case.model)
-    inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
-    return SolutionStats(sum_shadow=float(S[inside].sum()))

@@ -17,7 +17,6 @@ from blurmatte.checks import MAX_PX, Direction, Floats
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.calibration import grade_of
 from blurmatte.matting.maps import Grade
-from blurmatte.matting.smooth import SmoothSummary
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.sweep.assess.calibration import ErrorTerms
 from blurmatte.sweep.sweep import Diagnostics, Sweep
@@ -196,6 +195,28 @@ class SweepSummary:
         )
 
 
+@dataclass(frozen=True)
+class SmoothSummary:
+    """The prior that was chosen, and the convergence.
+
+    Parameters
+    ----------
+    order : int
+        Of the differences that are small: 1 or 2.
+    scale : float
+        Of such a difference between pixels.
+    steps : int
+        Of the last fit.
+    converged : bool
+        Whether it ended before the largest number of steps.
+    """
+
+    order: int
+    scale: float
+    steps: int
+    converged: bool
+
+
 @dataclass(frozen=True, kw_only=True)
 class SolutionStats:
     """The numbers about a solution.
@@ -277,6 +298,12 @@ class SolutionStats:
     grade_reasons: tuple[str, ...] = ()
     grade: Grade | None = None
     alpha_error: _Size | None = None
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether the answer, or of averaged hypotheses the likeliest, is a shape on a path."""
+        shapeless = self.alternatives is not None and self.alternatives[0].radius is None
+        return self.sweep is not None and not shapeless
 
     def moved(self, x: int, y: int) -> SolutionStats:
         """The same in a picture in which that of the solution begins at x, y; pixels."""

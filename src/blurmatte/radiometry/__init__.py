@@ -20,6 +20,7 @@ from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import decode as decode
 from blurmatte.radiometry.image import rounding_noise as rounding_noise
 from blurmatte.radiometry.image import smooth_variance as smooth_variance
+from blurmatte.radiometry.noise_model import Noise as Noise
 from blurmatte.radiometry.noise_model import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise_model import rounding_variance as rounding_variance
 from blurmatte.radiometry.transfer import LINEAR as LINEAR

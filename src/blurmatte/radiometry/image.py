@@ -22,7 +22,7 @@ from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
 from blurmatte.radiometry.compression import Compression, FrameCoding
-from blurmatte.radiometry.noise_model import NoiseModel
+from blurmatte.radiometry.noise_model import Noise, NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, Transfer
 
 
@@ -106,7 +106,7 @@ class LinearImage(Displayed):
     ----------
     rgb : (H, W, 3) float
         Linear light, 1 = sensor white, unclipped.
-    noise : NoiseModel, (H, W, 3) float variance, or None
+    noise : Noise such as NoiseModel, (H, W, 3) float variance, or None
         Noise of `rgb`, light². None: unknown; `solve` measures it against the plate.
     valid : (H, W) bool, optional
         False where saturated, dead or missing. All True by default.
@@ -124,7 +124,7 @@ class LinearImage(Displayed):
     """
 
     rgb: Floats
-    noise: NoiseModel | Floats | None = None
+    noise: Noise | Floats | None = None
     valid: Bools = None  # type: ignore[assignment]
     meta: Meta = Meta()
 
@@ -138,7 +138,7 @@ class LinearImage(Displayed):
         if self.valid is None:
             object.__setattr__(self, "valid", np.ones(self.rgb.shape[:2], dtype=bool))
         check_map("valid", self.valid, self.rgb.shape[:2], kinds="b")
-        if not isinstance(self.noise, NoiseModel | None):
+        if not isinstance(self.noise, Noise | None):
             check_map("noise", self.noise, self.rgb.shape)
             check_finite("noise", self.noise, MAX_LIGHT**2)
             if np.min(self.noise) < 0:
@@ -175,7 +175,7 @@ class LinearImage(Displayed):
         """
         if self.noise is None:
             raise ValueError("the noise of this image is not known; measure it with fit_noise")
-        if isinstance(self.noise, NoiseModel):
+        if isinstance(self.noise, Noise):
             return self.noise.variance(self.rgb)
         return self.noise
 
@@ -222,7 +222,7 @@ class LinearImage(Displayed):
             meta = replace(meta, coding=meta.coding.cropped(x0, y0))
         return LinearImage(self.rgb[place], noise, self.valid[place], meta)
 
-    def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":
+    def with_noise(self, noise: Noise | Floats) -> "LinearImage":
         """The same light, with `noise`."""
         return replace(self, noise=noise)
 

@@ -9,6 +9,7 @@ sRGB is ∝ light^0.58.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -21,8 +22,20 @@ from blurmatte.statistics import nonnegative_least_squares
 PerChannel = tuple[float, float, float]
 
 
+class Noise(ABC):
+    """The variance of independent noise at each light; pictures take any subclass."""
+
+    @abstractmethod
+    def variance(self, light: Floats) -> Floats:
+        """σ² of linear `light`, shape (..., 3); in the dtype of `light`."""
+
+    @abstractmethod
+    def times(self, factor: float) -> Noise:
+        """The noise of this factor, above 0, times the variance."""
+
+
 @dataclass(frozen=True)
-class NoiseModel:
+class NoiseModel(Noise):
     """Variance of a linear value: read_std² + gain · light + (relative_std · light)².
 
     Parameters
@@ -81,6 +94,10 @@ class NoiseModel:
         black = rounding_variance(np.zeros(1), levels, transfer)[0]
         coefficients[0] = max(coefficients[0], black)
         return cls.from_coefficients(np.tile(coefficients, (3, 1)))
+
+    def times(self, factor: float) -> NoiseModel:
+        """The noise of this factor, above 0, times the variance."""
+        return NoiseModel.from_coefficients(factor * self.coefficients)
 
     def variance(self, light: Floats) -> Floats:
         """σ² of linear `light`, shape (..., 3); in the dtype of `light`."""

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.radiometry import LinearImage, NoiseModel, rounding_noise
+from blurmatte.radiometry import LinearImage, Noise, rounding_noise
 from blurmatte.statistics import cell_means, robust_std
 
 # Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells.
@@ -165,6 +165,6 @@ def in_cells(values: Floats, cell: int) -> Floats:
 
 
 def _mean_variance(picture: LinearImage, B: Floats, cell: int) -> Floats:
-    if isinstance(picture.noise, NoiseModel):
+    if isinstance(picture.noise, Noise):
         return np.asarray(picture.noise.variance(B) / cell**2)
     return np.asarray(in_cells(picture.variance, cell) / cell**2)

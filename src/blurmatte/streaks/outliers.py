@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry import LinearImage, Noise
 
 MIN_DEVIATION = 8.0  # standard deviations of d by which an outlier differs from its neighbors
 # Of a point's light that a neighbor gets at least: a Gaussian point spread of 0.3 pixels leaves 5 %
@@ -37,7 +37,7 @@ def outliers(image: LinearImage, plate: LinearImage) -> Bools:
 
 def _variance(picture: LinearImage, rows: slice) -> Floats:
     """Noise variance of some rows, without that of the others."""
-    if isinstance(picture.noise, NoiseModel):
+    if isinstance(picture.noise, Noise):
         return picture.noise.variance(picture.rgb[rows])
     return picture.variance[rows]
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Array, Bools, Box, Floats
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry import LinearImage, Noise
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
@@ -85,9 +85,9 @@ class FittingSize:
     def _picture(self, picture: LinearImage) -> LinearImage:
         """Means over cells, with the noise of means of independent pixels."""
         part = picture.crop(self.box)
-        noise: NoiseModel | Floats
-        if isinstance(part.noise, NoiseModel):
-            noise = NoiseModel.from_coefficients(part.noise.coefficients / self.cell**2)
+        noise: Noise | Floats
+        if isinstance(part.noise, Noise):
+            noise = part.noise.times(1 / self.cell**2)
         else:
             noise = cell_means(part.variance, self.cell) / self.cell**2
         # Means have neither the steps nor the blocks of the file.

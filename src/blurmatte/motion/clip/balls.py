@@ -7,17 +7,17 @@ from itertools import chain, groupby
 import numpy as np
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_kind
+from blurmatte.checks import Floats, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
-from blurmatte.motion.clip.frames import Noise, noise_of, plate_in_light_of, with_default_noise
+from blurmatte.motion.clip.frames import noise_of, plate_in_light_of, with_default_noise
 from blurmatte.motion.clip.workers import Workers, shared
 from blurmatte.motion.picture.error_budget import check_with_std
 from blurmatte.motion.space.ball import fit_ball
 from blurmatte.motion.space.ball_motion import BallMotion
-from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.radiometry import LinearImage, Noise, check_picture
 from blurmatte.radiometry.coded import CodedSequence, each_coded
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
@@ -92,7 +92,7 @@ class _Fit:
 
     plate: LinearImage
     model: ColorModel
-    noise: Noise
+    noise: Noise | Floats
     intrinsics: Intrinsics
     radius: tuple[float, float]
 

@@ -7,10 +7,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from blurmatte.checks import Array, Floats
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry import LinearImage, Noise
 from blurmatte.statistics import MAD_TO_STD
-
-Noise = NoiseModel | Floats
 
 
 @runtime_checkable
@@ -27,12 +25,12 @@ class ClipFrames(Protocol):
         ...
 
 
-def with_default_noise(frame: LinearImage, noise: Noise) -> LinearImage:
+def with_default_noise(frame: LinearImage, noise: Noise | Floats) -> LinearImage:
     """The frame with this noise, unless it has its own."""
     return frame.with_noise(noise) if frame.noise is None else frame
 
 
-def noise_of(image: LinearImage) -> Noise:
+def noise_of(image: LinearImage) -> Noise | Floats:
     """The noise of an image that has one."""
     assert image.noise is not None
     return image.noise

@@ -10,13 +10,13 @@ import numpy as np
 
 from blurmatte.background import max_coded_samples, plate_for_clip
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, Box, check_map
-from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain
+from blurmatte.checks import Bools, Box, Floats, check_map
+from blurmatte.motion.clip.frames import gain_of, noise_of, times_gain
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import (
     CodedFrame,
     LinearImage,
-    NoiseModel,
+    Noise,
     coded_frames,
     each_coded,
     in_codes_of,
@@ -57,7 +57,7 @@ class StaticScene:
         Noise known.
     few : LinearImage
         Every fifth pixel of the plate, for the gain of a frame.
-    noise : NoiseModel or (H, W, 3) float
+    noise : Noise or (H, W, 3) float
         Of frames that have none of their own.
     gate : Gate
     hidden : (H, W) bool, optional
@@ -69,7 +69,7 @@ class StaticScene:
 
     plate: LinearImage
     few: LinearImage
-    noise: Noise
+    noise: Noise | Floats
     gate: Gate
     hidden: Bools | None = None
     coding: CodingErrors | None = None
@@ -124,10 +124,8 @@ class StaticScene:
         if self.coding is None:
             return image.with_noise(noise)
         plate = self.plate.rgb[y0:y1, x0:x1]
-        if isinstance(noise, NoiseModel):
-            variance = noise.variance(plate)
-        else:
-            variance = np.array(noise, np.float32)
+        of_model = noise.variance(plate) if isinstance(noise, Noise) else noise
+        variance = np.array(of_model, np.float32)
         for c in range(3):
             variance[..., c] += self.coding.moving.variance(plate[..., c], c, y0, x0)
         return image.with_noise(variance)

@@ -17,10 +17,10 @@ from blurmatte.checks import Array, Bools, Box, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError
 from blurmatte.matting.case import Solver
+from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import solve
-from blurmatte.matting.swept import Swept
 from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.frames import ClipFrames
