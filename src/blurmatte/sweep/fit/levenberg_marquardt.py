@@ -1,6 +1,6 @@
 """Levenberg–Marquardt steps from a start to the nearest path and shape of the least cost."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,22 +10,19 @@ from blurmatte.sweep.model.state import State
 ROUGH_TOLERANCE = 0.1  # units of log likelihood, on large pixels, and where fits are compared
 
 
-@dataclass(frozen=True)
-class LevenbergMarquardt:
-    """Settings of the damping and of the step length."""
-
-    # Of the curvature
-    first_damping: float = 1e-2
-    min_damping: float = 1e-7
-    damping_after_failure: float = 0.1  # of the curvature; less hardly changes a step that failed
-    # Factors of the damping after bad and good steps
-    increase: float = 6
-    decrease: float = 5
-    max_trials: int = 8  # dampings in one step
-    min_gain_ratio: float = 0.25  # of the predicted gain; a smaller gain increases the damping
-    min_curvature: float = 1e-10  # of the largest curvature
-    max_move: float = 0.5  # in a step, of the radius; two pixels if that is more
-    max_bend: float = 0.3  # in a step, of the radius or radians
+# Damping and length of the steps.
+# Of the curvature
+_FIRST_DAMPING = 1e-2
+_MIN_DAMPING = 1e-7
+_DAMPING_AFTER_FAILURE = 0.1  # of the curvature; less hardly changes a step that failed
+# Factors of the damping after bad and good steps
+_INCREASE = 6
+_DECREASE = 5
+_MAX_TRIALS = 8  # dampings in one step
+_MIN_GAIN_RATIO = 0.25  # of the predicted gain; a smaller gain increases the damping
+_MIN_CURVATURE = 1e-10  # of the largest curvature
+_MAX_MOVE = 0.5  # in a step, of the radius; two pixels if that is more
+_MAX_BEND = 0.3  # in a step, of the radius or radians
 
 
 def minimize(
@@ -40,18 +37,17 @@ def minimize(
 
     Bounds of the radius are in pixels, the tolerance in units of log likelihood.
     """
-    settings = LevenbergMarquardt
-    state, damping = start, settings.first_damping
+    state, damping = start, _FIRST_DAMPING
     for _ in range(max_steps):
         H, g = state.information()
         held = _held(state, g, bounds)
         H[held], H[:, held], g[held] = 0, 0, 0
         if not (np.isfinite(H).all() and np.diag(H).max() > 0):
             return state  # the object is outside of the picture, or the fit is far off
-        scales = np.sqrt(np.maximum(np.diag(H), 0) + settings.min_curvature * np.diag(H).max())
+        scales = np.sqrt(np.maximum(np.diag(H), 0) + _MIN_CURVATURE * np.diag(H).max())
         curvature, slope = H / np.outer(scales, scales), g / scales
-        for _ in range(settings.max_trials):
-            damped = curvature + (damping + settings.min_curvature) * np.eye(len(H))
+        for _ in range(_MAX_TRIALS):
+            damped = curvature + (damping + _MIN_CURVATURE) * np.eye(len(H))
             step = -np.linalg.lstsq(damped, slope)[0] / scales
             predicted = -float(g @ step) / 2
             if predicted < tolerance:
@@ -68,16 +64,15 @@ def minimize(
             return state
         if gain < tolerance:
             return _ended(state, bounds)
-        if gain < settings.min_gain_ratio * predicted:
+        if gain < _MIN_GAIN_RATIO * predicted:
             damping = _increased(damping)
         else:
-            damping = max(damping / settings.decrease, settings.min_damping)
+            damping = max(damping / _DECREASE, _MIN_DAMPING)
     return state
 
 
 def _increased(damping: float) -> float:
-    settings = LevenbergMarquardt
-    return max(settings.increase * damping, settings.damping_after_failure)
+    return max(_INCREASE * damping, _DAMPING_AFTER_FAILURE)
 
 
 def _ended(state: State, bounds: tuple[float, float]) -> State:
@@ -97,9 +92,9 @@ def _moved(state: State, step: Array, bounds: tuple[float, float]) -> State:
     """The state after a step, shortened to where the model is about linear."""
     n, soft = len(state.path), int(state.silhouette.soft)
     lengths = [*step[: n + 1], *step[len(step) - soft :]]
-    max_move = max(LevenbergMarquardt.max_move * state.shape[0], 2 * state.observation.scale)
+    max_move = max(_MAX_MOVE * state.shape[0], 2 * state.observation.scale)
     moved = np.abs(lengths).max() / max_move
-    bent = np.abs(step[n + 1 : len(step) - soft]).max(initial=0) / LevenbergMarquardt.max_bend
+    bent = np.abs(step[n + 1 : len(step) - soft]).max(initial=0) / _MAX_BEND
     step = step / max(moved, bent, 1)
     shape = state.silhouette.possible(state.shape + step[n:], bounds)
     return state.moved(state.path + step[:n], shape)

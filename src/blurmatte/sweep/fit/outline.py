@@ -8,7 +8,7 @@ A growing disc is a ball that approaches or recedes; only which end of the path 
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,35 +23,29 @@ from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.model.state import State, state_at
 
-
-@dataclass(frozen=True)
-class OutlineSearch:
-    """Settings of the search for shapes."""
-
-    # Radius of a disc on large pixels, with a sharp and with a soft rim
-    coarse_radius_px: float = 8.0
-    soft_coarse_radius_px: float = 4.0
-    first_order: int = 6  # of the outlines that all searches start with
-    # Tried on large pixels from the best outline, and on small pixels in turn
-    coarse_orders: tuple[int, ...] = (2, 4, 8)
-    fine_orders: tuple[int, ...] = (4, 8, 12)
-    radius_bounds: tuple[float, float] = (0.25, 2.5)  # of the disc's radius
-    max_coarse_steps: int = 20
-    max_fine_steps: int = 15
-    max_growth_steps: int = 15  # of a growing disc on large pixels
-    growths: tuple[float, ...] = (-0.5, 0.5)  # log growth that fits start from
-    # Variance inflation of residuals that other shapes do not reduce
-    max_explained_inflation: float = 1.3
+# Radius of a disc on large pixels, with a sharp and with a soft rim
+_COARSE_RADIUS_PX = 8.0
+_SOFT_COARSE_RADIUS_PX = 4.0
+_FIRST_ORDER = 6  # of the outlines that all searches start with
+# Tried on large pixels from the best outline, and on small pixels in turn
+_COARSE_ORDERS = (2, 4, 8)
+_FINE_ORDERS = (4, 8, 12)
+_RADIUS_BOUNDS = (0.25, 2.5)  # of the disc's radius
+_MAX_COARSE_STEPS = 20
+_MAX_FINE_STEPS = 15
+_MAX_GROWTH_STEPS = 15  # of a growing disc on large pixels
+_GROWTHS = (-0.5, 0.5)  # log growth that fits start from
+# Variance inflation of residuals that other shapes do not reduce
+_MAX_EXPLAINED_INFLATION = 1.3
 
 
 def fit_outline(disc: State) -> State:
     """The shape of the least Bayesian information criterion, from a fitted disc of one paint."""
-    settings = OutlineSearch
-    low, high = settings.radius_bounds
+    low, high = _RADIUS_BOUNDS
     bounds = low * disc.shape[0], high * disc.shape[0]
     (start,) = _fitted([_on_large_pixels(disc)], bounds)
     shapes = [outlined(start), replace(outlined(start), order=2)]
-    explained = settings.max_explained_inflation
+    explained = _MAX_EXPLAINED_INFLATION
     found = _fitted((start.of_kind(shape) for shape in shapes), bounds)
     if not _could_pay(start, best_of(found)) and variance_inflation(start) < explained:
         return disc
@@ -62,27 +56,27 @@ def fit_outline(disc: State) -> State:
     best = best_of([start, *found])
     if best is start:
         return disc
-    others = [best.of_kind(replace(best.silhouette, order=k)) for k in settings.coarse_orders]
+    others = [best.of_kind(replace(best.silhouette, order=k)) for k in _COARSE_ORDERS]
     others += [best.along(family) for family in (LINE, ARC, PARABOLA) if family is not best.family]
     best = best_of([start, best, *_fitted(others, bounds)])
     if best is start:
         return disc
-    fine = minimize(best.on(disc.observation), bounds, settings.max_fine_steps, ROUGH_TOLERANCE)
+    fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
     return best_of([disc, _of_higher_order(fine, bounds)])
 
 
 def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
     """The growing disc of the least Bayesian information criterion; the disc if its own is less."""
-    settings, coarse = OutlineSearch, _on_large_pixels(disc)
-    best = best_of([coarse, *_fitted(growing(coarse), bounds, settings.max_growth_steps)])
+    coarse = _on_large_pixels(disc)
+    best = best_of([coarse, *_fitted(growing(coarse), bounds, _MAX_GROWTH_STEPS)])
     if best is coarse:
         return disc
-    fine = minimize(best.on(disc.observation), bounds, settings.max_fine_steps, ROUGH_TOLERANCE)
+    fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
     return best_of([disc, fine])
 
 
 def _on_large_pixels(disc: State) -> State:
-    soft, sharp = OutlineSearch.soft_coarse_radius_px, OutlineSearch.coarse_radius_px
+    soft, sharp = _SOFT_COARSE_RADIUS_PX, _COARSE_RADIUS_PX
     radius = soft if disc.silhouette.soft else sharp
     return disc.on(disc.observation.coarse_enough(float(disc.shape[0]), radius))
 
@@ -90,7 +84,7 @@ def _on_large_pixels(disc: State) -> State:
 def _fitted(
     starts: Iterable[State],
     bounds: tuple[float, float],
-    max_steps: int = OutlineSearch.max_coarse_steps,
+    max_steps: int = _MAX_COARSE_STEPS,
 ) -> list[State]:
     """Fits on large pixels."""
     return [minimize(start, bounds, max_steps, ROUGH_TOLERANCE) for start in starts]
@@ -104,11 +98,11 @@ def _could_pay(disc: State, most_general: State) -> bool:
 
 def _of_higher_order(state: State, bounds: tuple[float, float]) -> State:
     """The same with the order increased while the criterion falls: small pixels show more detail."""
-    for order in OutlineSearch.fine_orders:
+    for order in _FINE_ORDERS:
         if order <= state.silhouette.order:
             continue
         richer = state.of_kind(replace(state.silhouette, order=order))
-        richer = minimize(richer, bounds, OutlineSearch.max_fine_steps, ROUGH_TOLERANCE)
+        richer = minimize(richer, bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
         if best_of([state, richer]) is state:
             break
         state = richer
@@ -176,7 +170,7 @@ def changing(disc: State, best: State) -> Iterable[State]:
 
 def outlined(disc: State) -> Silhouette:
     """Outlines of the first order, with a rim as soft as that of a disc."""
-    return replace(disc.silhouette, order=OutlineSearch.first_order)
+    return replace(disc.silhouette, order=_FIRST_ORDER)
 
 
 def growing(disc: State) -> Iterable[State]:
@@ -187,5 +181,5 @@ def growing(disc: State) -> Iterable[State]:
     silhouette = replace(disc.silhouette, changes=True)
     for family in dict.fromkeys((disc.family, LINE, PARABOLA)):
         start = disc.along(family).of_kind(silhouette)
-        for growth in OutlineSearch.growths:
+        for growth in _GROWTHS:
             yield start.with_parameter(1, growth)

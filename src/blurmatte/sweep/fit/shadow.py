@@ -5,7 +5,7 @@ minimum. With the shadow in the plate, all families of paths are therefore fitte
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -19,33 +19,29 @@ from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.state import State
 
-
-@dataclass(frozen=True)
-class ShadowSearch:
-    """Settings of the search for a shadow; lengths are in radii of the disc."""
-
-    # Radius of a disc on large pixels, on which both disc and shadow are resolved
-    coarse_radius_px: float = 8.0
-    # Of block-coordinate descent, on large and on small pixels
-    coarse_rounds: int = 10
-    fine_rounds: int = 4
-    max_restarts: int = 2  # with all families of paths, in the shadow found so far
-    max_disc_steps: int = 10  # of the disc in a round
-    converged_difference: float = 2e-3  # relative change of alpha in a round
-    # From the disc's center to the shadow's, at the start of a fit
-    first_distances: tuple[float, ...] = (0.7, 1.4, 2.2)
-    first_directions: int = 8  # of each of these distances
-    max_distance: float = 6.0
-    min_softness: float = 0.03
-    first_softness: float = 0.3
-    max_softness: float = 1.0
-    cauchy_scale: float = 2.5  # of the loss, standard deviations
+# Lengths of the search for a shadow are in radii of the disc.
+# Radius of a disc on large pixels, on which both disc and shadow are resolved
+_COARSE_RADIUS_PX = 8.0
+# Of block-coordinate descent, on large and on small pixels
+_COARSE_ROUNDS = 10
+_FINE_ROUNDS = 4
+_MAX_RESTARTS = 2  # with all families of paths, in the shadow found so far
+_MAX_DISC_STEPS = 10  # of the disc in a round
+_CONVERGED_DIFFERENCE = 2e-3  # relative change of alpha in a round
+# From the disc's center to the shadow's, at the start of a fit
+_FIRST_DISTANCES = (0.7, 1.4, 2.2)
+_FIRST_DIRECTIONS = 8  # of each of these distances
+_MAX_DISTANCE = 6.0
+_MIN_SOFTNESS = 0.03
+_FIRST_SOFTNESS = 0.3
+_MAX_SOFTNESS = 1.0
+_CAUCHY_SCALE = 2.5  # of the loss, standard deviations
 
 
 def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow] | None:
     """A disc with its own shadow, if that is possible and likelier than the disc alone."""
-    plain, bounds, settings = disc.observation, search.bounds, ShadowSearch
-    coarse = plain.coarse_enough(float(disc.shape[0]), settings.coarse_radius_px)
+    plain, bounds = disc.observation, search.bounds
+    coarse = plain.coarse_enough(float(disc.shape[0]), _COARSE_RADIUS_PX)
     on_coarse = disc.on(coarse)
     straight, prior = on_coarse.along(LINE), plain.prior
     is_known = prior is not None and prior.path is not None  # else a shadow may have bent it
@@ -53,13 +49,13 @@ def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow]
     if not is_known:
         starts += [] if straight is on_coarse else [(straight, None)]
         starts.append(_in_one_half(straight))
-    fits = [_alternated(*start, bounds, settings.coarse_rounds) for start in starts]
+    fits = [_alternated(*start, bounds, _COARSE_ROUNDS) for start in starts]
     best, cast = min(fits, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / variance_inflation(best)
     if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
         return None
-    best, cast = _alternated(best.on(plain), cast, bounds, settings.fine_rounds)
-    for _ in range(0 if is_known else settings.max_restarts):
+    best, cast = _alternated(best.on(plain), cast, bounds, _FINE_ROUNDS)
+    for _ in range(0 if is_known else _MAX_RESTARTS):
         found = _restarted(best, cast, plain, search)
         if found[0].cost >= best.cost or not found[1].is_possible:
             break
@@ -70,7 +66,7 @@ def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow]
 def _in_one_half(both: State) -> tuple[State, CastShadow]:
     """The likeliest disc and shadow of which a straight sweep of the middle between both was fitted."""
     plain, radius = both.observation, float(both.shape[0])
-    softness = np.log(ShadowSearch.first_softness)
+    softness = np.log(_FIRST_SOFTNESS)
     found = []
     for offset in _first_offsets():
         disc = both.moved(both.path - radius / 2 * np.tile(offset, 2), both.shape)
@@ -92,19 +88,19 @@ def _restarted(
         return in_shadow(observation, disc.on(observation), cast)
 
     again = search.with_observations(shaded).again_from(disc)
-    return _alternated(again.on(plain), cast, search.bounds, ShadowSearch.fine_rounds)
+    return _alternated(again.on(plain), cast, search.bounds, _FINE_ROUNDS)
 
 
 def _alternated(
     disc: State, cast: CastShadow | None, bounds: tuple[float, float], rounds: int
 ) -> tuple[State, CastShadow]:
     """Fit shadow and disc in turn until both converge; the disc's plate is in the shadow."""
-    plain, settings = disc.observation, ShadowSearch
+    plain = disc.observation
     for _ in range(rounds):
         cast = fit_cast(plain, disc, cast)
         shaded = with_principal_axes(disc.relit(in_shadow(plain, disc, cast)))
-        before, disc = disc, minimize(shaded, bounds, settings.max_disc_steps, ROUGH_TOLERANCE)
-        if rms_difference(before, disc) < settings.converged_difference:
+        before, disc = disc, minimize(shaded, bounds, _MAX_DISC_STEPS, ROUGH_TOLERANCE)
+        if rms_difference(before, disc) < _CONVERGED_DIFFERENCE:
             break
     assert cast is not None
     return disc, cast
@@ -122,7 +118,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     The observation has the plate without a shadow.
     """
     radius = float(disc.shape[0])
-    solved = _strengths(observation.coarse_enough(radius, ShadowSearch.coarse_radius_px), disc)
+    solved = _strengths(observation.coarse_enough(radius, _COARSE_RADIUS_PX), disc)
     first = None
     if start is not None:
         first = np.array([*start.offset / radius, np.log(start.softness / radius)])
@@ -167,11 +163,11 @@ def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Arra
     """(3,) offset (x, y) and log softness, in radii, of the least residuals."""
     from scipy.optimize import least_squares
 
-    settings, difference = ShadowSearch, 0.02  # radii, of numerical derivatives
+    difference = 0.02  # radii, of numerical derivatives
 
     def cost(x: Array) -> float:
         """Cauchy loss of the residuals."""
-        return float(np.sum(np.log1p((residuals(x) / settings.cauchy_scale) ** 2)))
+        return float(np.sum(np.log1p((residuals(x) / _CAUCHY_SCALE) ** 2)))
 
     def slopes(x: Array) -> Array:
         """Central differences of the residuals."""
@@ -181,21 +177,21 @@ def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Arra
         )
         return np.asarray((ahead - behind) / (2 * difference))
 
-    softness = settings.min_softness, settings.first_softness, settings.max_softness
+    softness = _MIN_SOFTNESS, _FIRST_SOFTNESS, _MAX_SOFTNESS
     lowest, first, highest = np.log(softness)
     if start is None:
         start = min((np.array([*offset, first]) for offset in _first_offsets()), key=cost)
-    far = settings.max_distance
+    far = _MAX_DISTANCE
     bounds = (-far, -far, lowest), (far, far, highest)
     end = least_squares(
         residuals, np.clip(start, *bounds), slopes, bounds,
-        loss="cauchy", f_scale=settings.cauchy_scale, max_nfev=12, ftol=1e-4, xtol=1e-3,
+        loss="cauchy", f_scale=_CAUCHY_SCALE, max_nfev=12, ftol=1e-4, xtol=1e-3,
     )  # fmt: skip  # rough: the next round refines both
     return np.asarray(end.x)
 
 
 def _first_offsets() -> list[tuple[float, float]]:
     """From the disc's center to the shadow's, in radii, at the start of a fit."""
-    angles = np.linspace(0, 2 * np.pi, ShadowSearch.first_directions, endpoint=False)
-    distances = ShadowSearch.first_distances
+    angles = np.linspace(0, 2 * np.pi, _FIRST_DIRECTIONS, endpoint=False)
+    distances = _FIRST_DISTANCES
     return [(d * np.cos(a), d * np.sin(a)) for d in distances for a in angles]
