@@ -14,6 +14,7 @@ from blurmatte.matting.stats import SolutionStats
 
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
+    "light": "constant light of the object is assumed",
     "duration": "the part of the exposure during which it was there is uncertain",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain",

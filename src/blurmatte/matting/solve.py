@@ -12,7 +12,7 @@ from blurmatte.color.color_projection import streak_of_color
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.color.streak import check_not_gray
-from blurmatte.errors import BlurmatteError
+from blurmatte.errors import BlurmatteError, ColorModelError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import graded_alone
 from blurmatte.matting.case import MARGIN_PX, Case, Fitted, Pictures, Solver
@@ -203,7 +203,12 @@ def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | N
         return model
     if solver.light is not None:
         return ColorModel.from_samples(np.array([solver.light]), std=1e-9)
-    if model is not None and model.rank != 1:
+    if model is None:
+        raise ColorModelError(
+            "give the color of the object (--color): with a plate in shadow it separates object and "
+            "shadow, and a streak that holds both does not show it"
+        )
+    if model.rank != 1:
         raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
     return model
 
@@ -217,7 +222,7 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         stats = _by_solver(case, maps)
     else:
         case, maps, stats, error_factor = average_hypotheses(case, out)
-        stats = stats.as_shadow() if only_lost else stats
+        stats = stats.assumed("shadow") if only_lost else stats
     streak, image, plate, shadow_std = case.streak, case.image, case.plate, 0.0
     if not isinstance(case.solver, Shaded):
         without_sweep = not isinstance(case.solver, Swept)
@@ -246,7 +251,7 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
-        sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance)
+        sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance).with_curve_error
     model = replace(case.model, mean=mean_light(maps))
     return Solution(*maps, model=model, solver=repr(case.solver), stats=stats, sweep=sweep)
 
@@ -267,8 +272,11 @@ def _graded_alone(
     solver = "Smooth" if isinstance(case.solver, Smooth) else "Pixelwise"
     found = graded_alone(estimate, solver, case.is_compressed, case.is_exact)
     stats = replace(stats, **found._asdict())
-    # The light of an object is rarely as constant as `Shaded` assumes, and its factor is not fitted.
-    return stats.as_shadow() if only_lost or isinstance(case.solver, Shaded) else stats
+    if only_lost:
+        return stats.assumed("shadow")
+    # The light of an object is rarely constant, and no factor of it is fitted.
+    light = isinstance(case.solver, Shaded) and case.solver.light is not None
+    return stats.assumed("light") if light else stats
 
 
 def _check_numbers(maps: PixelMaps, case: Case) -> None:
