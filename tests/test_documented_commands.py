@@ -125,33 +125,38 @@ def write_rows(folder):
         bm.write(folder / "bracket" / f"{k}.jpg", exposed)
     for name, k in (("a", 0), ("b", 2), ("c", 4)):
         bm.write(folder / f"{name}.png", seen(plate * 2.0 ** (k - 2), k))
-    flight = [seen(light, k) for k, light in enumerate(falling(plate, 90, first=25))]
+    flight = [seen(light, k) for k, light in enumerate(falling(plate, 90, first=45))]
     for extension in ("exr", "png"):
         bm.write_frames(folder / f"shot.####.{extension}", flight, start=0)
     bm.write(folder / "plate.exr", bm.LinearImage(plate.astype(np.float32), NOISE))
 
 
-def falling(plate, count, first=0):
+def falling(plate, count, first=0, place=lambda t: (8 + 7 * t, 12 + 0.3 * t**2), radius=5):
     """Light of `count` frames: a ball flies through twelve of them, from the frame `first`."""
     for k in range(count):
         age = k - first
         if age < 0 or age > 11:
             yield plate
         else:
-            start, end = ((8 + 7 * t, 12 + 0.3 * t**2) for t in (age, age + 0.5))
-            yield ball_on(plate, start, end, 5).image.rgb
+            yield ball_on(plate, place(age), place(age + 0.5), radius).image.rgb
+
+
+def thrown(t):
+    """Place of the ball in throw.mp4 after t frames: 9.81 m/s² at 1.4 mm a pixel."""
+    return 40 + 48 * t, 40 + 9.81 / (2 * 0.0014 * 30**2) * (t - 6) ** 2
 
 
 def write_clips(folder):
     plate = colorful_plate(SMALL, rng=3, tile=12)
     for name, count, first, rate in (
-        ("throw", 53, 40, 30),
         ("rally", 310, 25, 10),
         ("juggling", 12, 0, 30),
     ):
         frames = (seen(light, k) for k, light in enumerate(falling(plate, count, first)))
         bm.write_frames(folder / f"{name}.mp4", frames, rate)
     large = colorful_plate(SIZE, rng=2, tile=24)
+    throw = falling(large, 53, 40, thrown, radius=20 / 1.4)
+    bm.write_frames(folder / "throw.mp4", (seen(light, k) for k, light in enumerate(throw)), 30)
     layers = [ball_on(large, (60 + 40 * k, 90), (90 + 40 * k, 99), 14).layer for k in range(4)]
     bm.write_frames(folder / "layers" / "ball.####.exr", layers)
     bm.write_frames(folder / "layers" / "ball.mov", layers, 30)

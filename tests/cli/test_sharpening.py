@@ -74,6 +74,7 @@ def test_one_moment_is_a_layer(folder, tmp_path):
 def test_frames_are_a_clip_of_layers(folder, tmp_path):
     said = good("sharpen", folder / "layer.exr", "--frames", 3, "-o", tmp_path / "ball.mov")
     assert "3 sharp" in said.output
+    assert said.output.splitlines()[-1] == str(tmp_path / "ball.mov")
     assert len(list(bm.read_layers(tmp_path / "ball.mov"))) == 3
 
 

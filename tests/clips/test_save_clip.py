@@ -134,6 +134,24 @@ def test_complete_layers_are_solutions(shot, tmp_path):
     assert report.empty == 0
 
 
+def test_layers_of_an_earlier_run_are_not_mixed_with_those_of_a_new_one(shot, tmp_path):
+    """Exact: a run replaces the layers of its frames; other frames and other files are kept."""
+    saved(shot, tmp_path)
+    names = sorted(path.name for path in tmp_path.glob("layer.*"))
+    assert len(names) == COUNT
+    others = "layer.000001.png", "layer.000099.exr"
+    for name in others:
+        (tmp_path / name).write_text("of another program")
+    run = run_of(shot)
+    run = bm.ClipRun(run.inputs, run.frames[1:5], run.plate, complete=True)
+    for _ in range(2):  # the second run resumes
+        list(bm.save_clip(run, tmp_path, bm.Workers(1)))
+        kept = {path.name for path in tmp_path.glob("layer.*")}
+        assert kept == {*others, *names} - {"layer.000001.exr", "layer.000002.exr"}
+    saved(shot, tmp_path, complete=True)  # knows of the transparent layers two runs ago
+    assert {path.name for path in tmp_path.glob("layer.*")} == {*others, *NAMES}
+
+
 def test_other_layers_are_refused(shot):
     with pytest.raises(ValueError, match="gif"):
         run_of(shot, extension=".gif")

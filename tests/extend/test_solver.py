@@ -49,6 +49,7 @@ def test_its_alpha_is_the_answer_and_its_name_is_reported(solution, paint):
 
 def test_its_errors_are_not_calibrated_so_the_grade_is_assumed(solution):
     assert solution[2].grade is bm.Grade.ASSUMED
+    assert solution[2].stats.grade_reasons[0] == "solver"
 
 
 def test_its_layer_recomposes_the_image(solution):

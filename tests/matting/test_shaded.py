@@ -109,6 +109,32 @@ def test_errors_are_honest(case):
     assert 0.85 < np.std(z) < 1.2
 
 
+@pytest.mark.parametrize("given", ["plate", "light"])
+def test_grade_follows_from_the_error_unless_constant_light_is_assumed(given):
+    """Honest: the stated error covers alpha; with the light alone the grade is assumed, and says so."""
+    image, plate = taken(COLORED, 5)
+    shaded = bm.LinearImage(COLORED.plate.rgb * (1 - STRENGTH), NOISE)
+    solver = bm.Shaded(plate=shaded) if given == "plate" else bm.Shaded(light=tuple(LIGHT))
+    solution = bm.solve(image, plate, MODEL, solver, matching=bm.background.Matching.NONE)
+    stats, sentence = solution.stats, bm.explain(solution)[0]
+    if given == "light":
+        assert solution.grade is bm.Grade.ASSUMED
+        assert stats.grade_reasons[0] == "light"
+        assert "constant light of the object is assumed" in sentence
+    else:
+        assert not {"light", "shadow"} & set(stats.grade_reasons)
+        assert off(COLORED, solution) < 2 * stats.alpha_error
+
+
+def test_plate_in_shadow_needs_the_color():
+    """Exact: it is refused at once, and not answered as if there were no shadow."""
+    image, plate = taken(COLORED)
+    with pytest.raises(
+        bm.errors.ColorModelError, match=r"give the color of the object \(--color\)"
+    ):
+        bm.solve(image, plate, None, bm.Shaded(plate=in_shadow(plate)))
+
+
 def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="exactly one of both"):
         bm.Shaded()

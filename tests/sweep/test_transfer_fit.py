@@ -1,12 +1,17 @@
 """fit_transfer: the curve of code values, from the light of one streak."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from PIL import Image
 
-from blurmatte.errors import PlateError
-from blurmatte.radiometry import LINEAR, SRGB, LinearImage, decode, gamma
+import blurmatte as bm
+from blurmatte.calibration import with_noise
+from blurmatte.errors import PlateError, TransferWarning
+from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, decode, gamma
 from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate, render
-from blurmatte.sweep import TransferFit, fit_transfer
+from blurmatte.sweep import TransferFit, fit_sweep, fit_transfer
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -14,6 +19,11 @@ TILES = Scene(
     colorful_plate(SIZE, 2, tile=20),
     Trajectory.line((44, 42), (112, 68)),
     Ball(11, np.array([0.85, 0.6, 0.1])),
+)
+BEFORE_DARK = Scene(
+    plain_plate(SIZE, (0.12, 0.13, 0.16), 4),
+    TILES.trajectory,
+    Ball(13, np.array([0.8, 0.6, 0.2]), ambient=1.0),
 )
 
 
@@ -70,3 +80,42 @@ def test_a_plain_plate_keeps_the_declared_curve():
     plain = Scene(plain_plate(SIZE, (0.3, 0.3, 0.3), 4), TILES.trajectory, TILES.body)
     fit = fit_transfer(*files(plain, SRGB, SRGB), curves=[LINEAR, gamma(1.8)])
     assert fit.best.name == "srgb"
+
+
+@pytest.mark.parametrize("curve", [SRGB, REC709, gamma(2.2)], ids=lambda c: c.name)
+def test_numbers_of_a_file_without_a_curve_contain_the_curves_that_it_may_have(curve, tmp_path):
+    """Honest: size, length and sum of alpha, written with each curve and taken as sRGB."""
+    rng, truth = np.random.default_rng(3), render(BEFORE_DARK, 200)
+    for name, light in (("image", truth.image.rgb), ("plate", truth.plate.rgb)):
+        codes = 255 * curve.encode(light) + rng.normal(0, 1, light.shape)
+        picture = Image.fromarray(np.clip(np.rint(codes), 0, 255).astype(np.uint8))
+        picture.save(tmp_path / f"{name}.png")
+    with pytest.warns(TransferWarning, match="taken as sRGB"):
+        image, plate = (bm.read(tmp_path / f"{name}.png") for name in ("image", "plate"))
+    assert image.meta.transfer_assumed
+    streak = bm.find_streaks(*with_noise(image, plate))[0]
+    sweep = fit_sweep(image, plate, streak)
+    area = truth.layer.alpha.sum(dtype=float)
+    assert abs(sweep.radius - BEFORE_DARK.body.radius) < 3 * sweep.radius_std
+    assert abs(sweep.length - BEFORE_DARK.trajectory.length) < 3 * measured_length_std(sweep)
+    assert abs(sweep.alpha.sum() - area) < 3 * sweep.area_std()
+
+
+def measured_length_std(sweep):
+    """Of its length, by differences."""
+    n, J = len(sweep.path), np.zeros(len(sweep.path))
+    for k in range(n):
+        moved = replace(sweep, path=sweep.path + 1e-3 * np.eye(n)[k])
+        J[k] = (moved.length - sweep.length) / 1e-3
+    return float(np.sqrt(J @ sweep.covariance[:n, :n] @ J))
+
+
+def test_a_stated_curve_is_no_error():
+    """Exact: only the error of an assumed curve is added, and only where it moves the rim."""
+    image, plate = files(BEFORE_DARK, SRGB, SRGB)
+    stated = fit_sweep(image, plate)
+    guess = fit_sweep(replace(image, meta=replace(image.meta, transfer_assumed=True)), plate)
+    np.testing.assert_array_equal(guess.shape, stated.shape)
+    added = guess.covariance - stated.covariance
+    assert np.linalg.eigvalsh(added).min() > -1e-9
+    assert 2 < guess.radius_std / stated.radius_std < 100

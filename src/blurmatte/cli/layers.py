@@ -24,7 +24,7 @@ from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
 
 
 @command(
-    "stack 'out/*/layer.exr' --over plate.exr -o path.png",
+    "stack 'out/*/layer.exr' --over empty_room.png -o path.png",
     "stack layers/ball.mov -o path.exr",
 )
 def stack(

@@ -74,7 +74,7 @@ def render(
 
 
 @command(
-    "score out/layer.exr --truth scenes/easy",
+    "score results/easy/layer.exr --truth scenes/easy",
     "score results/ --truth scenes/ -o scores.json",
 )
 def score(

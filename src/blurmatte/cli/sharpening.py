@@ -103,6 +103,7 @@ def sharpen(
             lines.append(_text_of(one["spin"]))
     if image is None:
         lines.append("the path was not refined: that needs --image and --plate")
+    lines.append(str(out))
     answer(as_json, answers[0] if len(answers) == 1 else {"layers": answers}, lines)
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from shutil import copyfile
@@ -68,23 +69,34 @@ def write_empty_layers(
     size: tuple[int, int],
     extension: str,
     several: bool,
-) -> int:
+) -> list[list[str]]:
     """Write a transparent layer for each frame without one, so that no number is missing.
 
-    For each object that has a layer in some frame. Returns how many there are of the first object.
+    For each object that has a layer in some frame. Returns the names of the files of each object.
     """
-    counts = [0]
+    written = list[list[str]]()
     for number in sorted({record.object for record in records if record.layer}):
         named = {record.frame for record in records if record.layer and record.object == number}
         rest = [frame for frame in frames if frame not in named]
-        paths = [folder / layer_name(frame, number, extension, several) for frame in rest]
-        counts.append(len(paths))
+        written.append([layer_name(frame, number, extension, several) for frame in rest])
+        paths = [folder / name for name in written[-1]]
         for path in paths[:1]:
             write(path, empty_layer(size))
         for path in paths[1:]:  # a copy takes much less time than to compress it again
             with replacing(path, extension) as temporary:
                 copyfile(paths[0], temporary)
-    return counts[1] if len(counts) > 1 else 0
+    return written
+
+
+def remove_layers(
+    folder: Path, names: Iterable[str], frames: Collection[int], extension: str, several: bool
+) -> None:
+    """Remove those of the files that a layer of these frames would have as its name."""
+    form = re.compile(rf"{'object[0-9]+/' if several else ''}layer\.([0-9]+){re.escape(extension)}")
+    for name in names:
+        found = form.fullmatch(name)
+        if found is not None and int(found[1]) in frames:
+            (folder / name).unlink(missing_ok=True)
 
 
 def write_movie(

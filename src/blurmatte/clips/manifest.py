@@ -56,19 +56,28 @@ def _motion(value: dict[str, Any]) -> Motion:
 
 @dataclass(frozen=True)
 class Finished:
-    """A line: a frame that is measured, or the record of a layer.
+    """A line: a frame that is measured, the record of a layer, or names of layers without a record.
 
     Parameters
     ----------
     shot : int
-        Its number, from 1.
+        Its number, from 1; 0 of names.
     seen : FrameSightings, optional
     layer : FrameRecord, optional
+    files : tuple of str
+        Layers in the same folder that are transparent, or that earlier runs wrote.
     """
 
     shot: int
     seen: Annotated[FrameSightings | None, PlainValidator(_sightings)] = None
     layer: FrameRecord | None = None
+    files: tuple[str, ...] = ()
+
+    @property
+    def layers(self) -> tuple[str, ...]:
+        """Names of all layers of the line."""
+        written = self.layer is not None and self.layer.layer
+        return (*self.files, written) if written else self.files
 
 
 @dataclass(frozen=True)
@@ -97,6 +106,8 @@ class Manifest(Generic[Line]):
     ----------
     finished : list of Finished or of FinishedPicture
         Of interrupted runs with the same hash, and of this one.
+    replaced : list of Finished or of FinishedPicture
+        Of the run with another hash that this one replaces.
     path : Path, optional
         For messages.
     file : FileIO, optional
@@ -104,6 +115,7 @@ class Manifest(Generic[Line]):
     """
 
     finished: list[Line] = field(default_factory=list)
+    replaced: list[Line] = field(default_factory=list)
     path: Path | None = None
     file: FileIO | None = None
 
@@ -135,14 +147,15 @@ def opened_manifest(path: Path, key: str, kind: type[Line]) -> Iterator[Manifest
     """
     with _reported(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        finished, size = _read(path, key, kind)
+        same, found, size = _read(path, key, kind)
         file = path.open("ab", buffering=0)
-    manifest = Manifest(finished, path, file)
+    finished, replaced = (found, []) if same else ([], found)
+    manifest = Manifest(finished, replaced, path, file)
     try:
         with file:
             with _reported(path):
-                file.truncate(size)
-                if size == 0:
+                file.truncate(size if same else 0)
+                if not same:
                     file.write(_head(key))
             yield manifest
     finally:
@@ -160,20 +173,18 @@ def _head(key: str) -> bytes:
     return f"{json.dumps({'key': key})}\n".encode()
 
 
-def _read(path: Path, key: str, kind: type[Line]) -> tuple[list[Line], int]:
-    """The whole lines of a manifest with this key, and their size in bytes; 0 if there is none."""
-    finished = list[Line]()
+def _read(path: Path, key: str, kind: type[Line]) -> tuple[bool, list[Line], int]:
+    """Whether a manifest has this key, its whole lines, and their size in bytes."""
+    lines = list[Line]()
     if not path.exists():
-        return finished, 0
-    head, *lines = path.read_bytes().splitlines(keepends=True) or [b""]
-    if head != _head(key):
-        return finished, 0
+        return False, lines, 0
+    head, *rest = path.read_bytes().splitlines(keepends=True) or [b""]
     size = len(head)
     with suppress(ValueError):
-        for line in lines:
-            finished.append(_parsed(line, kind))
+        for line in rest:
+            lines.append(_parsed(line, kind))
             size += len(line)
-    return finished, size
+    return head == _head(key), lines, size
 
 
 def _parsed(line: bytes, kind: type[Line]) -> Line:

@@ -15,6 +15,7 @@ from blurmatte.checks import Bools, check_kind
 from blurmatte.clips.layers import (
     LAYER_EXTENSIONS,
     LayerWriter,
+    remove_layers,
     write_empty_layers,
     write_movie,
 )
@@ -230,6 +231,7 @@ def save_clip(
     run = replace(run, frames=run.frames.for_plate(run.plate))
     with opened_manifest(folder / NAME, run.key, Finished) as manifest:
         work = _Work(manifest)
+        _note(manifest, [name for one in manifest.replaced for name in one.layers])
         found, numbers = shots_of(run.frames, workers), run.frames.frame_numbers
         shots = [shot.numbered(numbers) for shot in found]
         for number, shot in enumerate(found, 1):
@@ -241,7 +243,7 @@ def save_clip(
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
         files = _written(run, folder, work, shots)
-        empty = 0 if run.complete else _fill(run, folder, work.records)
+        empty = _fill(run, folder, work)
         done = tuple(work.records), tuple(shots), tuple(work.problems)
         report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
         write(folder / "report.json", _numbers(run, report))
@@ -350,10 +352,26 @@ def _mattes(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> list[
     ]
 
 
-def _fill(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> int:
-    """Write empty layers of the other frames; how many."""
+def _fill(run: ClipRun, folder: Path, work: _Work) -> int:
+    """Write empty layers of the other frames, or none if layers are complete; how many.
+
+    Layers of these frames that are left of an earlier run are removed.
+    """
     numbers, size = run.frames.frame_numbers, run.frames.size
-    return write_empty_layers(folder, records, numbers, size, run.file_extension, run.several)
+    form = run.file_extension, run.several
+    empty = [] if run.complete else write_empty_layers(folder, work.records, numbers, size, *form)
+    written = {record.layer for record in work.records}.union(*empty)
+    earlier = {name for one in work.manifest.finished for name in one.layers}
+    remove_layers(folder, earlier - written, set(numbers), *form)
+    _note(work.manifest, [name for names in empty for name in names])
+    return len(empty[0]) if empty else 0
+
+
+def _note(manifest: Manifest[Finished], names: Sequence[str]) -> None:
+    """Add names of layers to the manifest that it does not have."""
+    noted = {name for one in manifest.finished for name in one.layers}
+    if new := tuple(name for name in names if name not in noted):
+        manifest.append(Finished(0, files=new))
 
 
 def _without_layer(work: _Work) -> list[str]:

@@ -14,6 +14,8 @@ from blurmatte.matting.stats import SolutionStats
 
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
+    "light": "constant light of the object is assumed",
+    "solver": "the errors of this solver are not calibrated",
     "duration": "the part of the exposure during which it was there is uncertain",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain",

@@ -89,6 +89,7 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
             TransferWarning,
             stacklevel=stacklevel + 1,
         )
+        return Profile(_ASSUMED.curves, matrix, assumed=True)
     return Profile(given or _ASSUMED.curves, matrix)
 
 

@@ -77,6 +77,7 @@ class Profile:
     curves: tuple[Transfer, Transfer, Transfer]  # curves of red, green and blue
     # From linear light with the profile's primaries to sRGB primaries; None if they are equal
     matrix: Array | None
+    assumed: bool = False  # true if neither the file nor the caller states the curves
 
 
 @lru_cache(maxsize=8)  # pictures of one camera share one profile, and hence one Transfer

@@ -224,6 +224,7 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
     return Meta(
         source=raster.path.name,
         transfer=encoding.curves[1] if encoding else None,
+        transfer_assumed=encoding is not None and encoding.assumed,
         levels=1 << raster.bits if raster.bits else raster.levels,
         exposure_time=seconds if math.isfinite(seconds) and seconds > 0 else None,
         icc_profile=icc_profile(raster),

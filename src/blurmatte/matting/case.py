@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -148,9 +148,11 @@ class Answer:
         The solver of the largest weight, of one that averages several.
     error_factor : float
         By which the calibrated error exceeds the claimed one, 1 or more.
-    errors_like : "Pixelwise", "Smooth" or ""
-        Of stats without a grade, the solver whose calibration holds for the errors. Without one the
-        factor is that of `Pixelwise`, and the grade is assumed.
+    errors_like : "Pixelwise" or "Smooth"
+        Of stats without a grade, the solver whose calibration the errors get.
+    assumes : str
+        What it assumes, a reason of the grade in docs/cli.md; the grade is then assumed. Empty if
+        nothing; "solver" if its errors are not calibrated.
     locates : bool
         Whether a shape says where the object is, so that its shadow is no part of it.
     separates_shadow : bool
@@ -163,7 +165,8 @@ class Answer:
     stats: SolutionStats
     chosen: "Solver | None" = None
     error_factor: float = 1.0
-    errors_like: str = ""
+    errors_like: Literal["Pixelwise", "Smooth"] = "Pixelwise"
+    assumes: str = "solver"
     locates: bool = False
     separates_shadow: bool = False
 

@@ -125,6 +125,14 @@ class _WeightedHypotheses:
         return float(np.sqrt(weights @ np.square(relative) / max(float(weights.sum()), 1e-12)))
 
     @property
+    def curve_error(self) -> tuple[Array, float]:
+        """Standard deviations of alpha and of its sum by an assumed curve, not in calibrations."""
+        pairs = [sweep.curve_error(self.box) for sweep in self.sweeps]
+        weights = self.weights[: len(pairs)]
+        alpha, total = (np.array(values) for values in zip(*pairs, strict=True))
+        return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
+
+    @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
@@ -166,7 +174,13 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     claim, compressed = claimed_error(average), case.is_compressed
     average = calibrated(average, found.estimates, terms, compressed, exact)
     error, by_opacity = claimed_error(average), found.opacity_error
-    average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
+    by_curve, sum_by_curve = found.curve_error
+    average = replace(
+        average,
+        alpha_std=np.hypot(average.alpha_std, by_curve),
+        sum_std=float(np.hypot(average.sum_std, sum_by_curve)),
+        scale_std=float(np.hypot(average.scale_std, by_opacity)),
+    )
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
     if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
@@ -195,7 +209,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     )
     locates = isinstance(found.best, Sweep)
     solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)
-    return Answer(maps, model, maps.solved, stats, solver, factor, locates=locates)
+    return Answer(maps, model, maps.solved, stats, solver, factor, locates=locates, assumes="")
 
 
 def _written(

@@ -70,7 +70,7 @@ class Pixelwise(Solver):
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Solve the whole picture of a case."""
         maps = closed_form(case, (0, 0, *case.image.size), out, self)
-        return Answer(maps, case.model, case.streak, SolutionStats(), errors_like="Pixelwise")
+        return Answer(maps, case.model, case.streak, SolutionStats(), assumes="")
 
     def __call__(
         self,

@@ -88,17 +88,17 @@ class Shaded(Solver):
         """The line of the object's light if it is known, else the given line."""
         if self.light is not None:
             return ColorModel.from_samples(np.array([self.light]), std=1e-9)
-        if model is not None and model.rank != 1:
+        if model is None:
+            raise ColorModelError(
+                "give the color of the object (--color): with a plate in shadow it separates object "
+                "and shadow, and a streak that holds both does not show it"
+            )
+        if model.rank != 1:
             raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
         return model
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Solve the streak of a case."""
-        if case.model.rank != 1:
-            raise ColorModelError(
-                "a plate in shadow needs an object of one color, but the colors found in the streak "
-                "are more: give its color (--color)"
-            )
         box, shaded = case.streak.around(MARGIN_PX), None
         maps = closed_form(case, case.box_with(()), out)
         if self.plate is not None:
@@ -107,7 +107,9 @@ class Shaded(Solver):
         S = self(maps.within(box), *pictures, case.model)
         inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
         stats = SolutionStats(sum_shadow=float(S[inside].sum()))
-        return Answer(maps, case.model, case.streak, stats, separates_shadow=True)
+        # The light of an object is rarely constant, and no factor of it is fitted.
+        assumes = "" if self.light is None else "light"
+        return Answer(maps, case.model, case.streak, stats, assumes=assumes, separates_shadow=True)
 
     def __call__(
         self,

@@ -135,7 +135,7 @@ class Smooth(Solver):
         sum_std, summary = self(maps, C, B, case.model, inside, box, mixed)
         inpaint_light(maps.within(box), C, B)
         stats = SolutionStats(sum_alpha_std=sum_std, smooth=summary)
-        return Answer(maps, case.model, maps.solved, stats, errors_like="Smooth")
+        return Answer(maps, case.model, maps.solved, stats, errors_like="Smooth", assumes="")
 
     def __call__(
         self,

@@ -208,7 +208,8 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
     sums = sums.with_errors(stats.sum_alpha_std, stats.alpha_scale_std)
     if stats.grade is None:
         stats = _graded_alone(answer, case, sums)
-    stats = stats.as_shadow() if only_lost or answer.separates_shadow else stats
+    for assumption in filter(None, (answer.assumes, "shadow" if only_lost else "")):
+        stats = stats.assumed(assumption)
     parts = sums.sum_alpha_std, shadow_std, sums.alpha_scale_std * sums.sum_alpha
     sums = sums._replace(sum_alpha_std=float(np.linalg.norm(parts)))
     stats = replace(
@@ -227,7 +228,8 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
     _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
-        sweep = replace(sweep, covariance=answer.error_factor**2 * sweep.covariance)
+        covariance = answer.error_factor**2 * sweep.covariance
+        sweep = replace(sweep, covariance=covariance).with_curve_error
     model = replace(model, mean=mean_light(maps))
     name = repr(answer.chosen or solver)
     return Solution(*maps, model=model, solver=name, stats=stats, sweep=sweep)
@@ -245,10 +247,7 @@ def _graded_alone(answer: Answer, case: Case, sums: StreakSums) -> SolutionStats
         return replace(stats, grade=Grade.ASSUMED, alpha_error=1.0, grade_reasons=("color",))
     alpha, std = np.where(known, maps.alpha, 0), np.where(known, maps.alpha_std, np.inf)
     estimate = AlphaEstimate(alpha, std, sums.sum_alpha_std, sums.alpha_scale_std)
-    known_errors = answer.errors_like or "Pixelwise"
-    found = graded_alone(estimate, known_errors, case.is_compressed, case.is_exact)
-    if not answer.errors_like:
-        found = found._replace(grade=Grade.ASSUMED)
+    found = graded_alone(estimate, answer.errors_like, case.is_compressed, case.is_exact)
     return replace(stats, **found._asdict())
 
 

@@ -337,7 +337,7 @@ class SolutionStats:
             self, alpha_error=error, sum_alpha_std=sum_std, alpha_scale_std=scale_std, grade=grade
         )
 
-    def as_shadow(self) -> SolutionStats:
-        """The same of a solution that may be that of a shadow: its grade is assumed."""
-        reasons = ("shadow", *self.grade_reasons)
+    def assumed(self, reason: str) -> SolutionStats:
+        """The same of a solution that rests on an assumption; it is the first reason of the grade."""
+        reasons = (reason, *self.grade_reasons)
         return replace(self, grade=Grade.ASSUMED, grade_reasons=reasons)

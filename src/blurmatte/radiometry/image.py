@@ -36,6 +36,9 @@ class Meta:
         Name of the file, for messages.
     transfer : Transfer or None
         The curve its code values were decoded with; None for light that was never encoded.
+    transfer_assumed : bool
+        True if a file of pictures does not state this curve: sweeps that are fitted to it have the
+        curves that it may have in their errors.
     levels : int or None
         Number of code values: 256, 65536; None for floats.
     exposure_time : float or None
@@ -72,6 +75,7 @@ class Meta:
 
     source: str = ""
     transfer: Transfer | None = None
+    transfer_assumed: bool = False
     levels: int | None = None
     exposure_time: float | None = None
     icc_profile: bytes | None = field(default=None, repr=False)

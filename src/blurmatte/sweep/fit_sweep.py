@@ -56,6 +56,7 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
+from blurmatte.sweep.transfer_fit import curve_covariance
 
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
@@ -146,7 +147,7 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = likeliest_streak(image, plate, require_streaks(image, plate), model)
-    return fit_hypotheses(image, plate, streak, model, start).best
+    return fit_hypotheses(image, plate, streak, model, start).best.with_curve_error
 
 
 def likeliest_streak(
@@ -290,7 +291,12 @@ def _fit_before(
     compared = []
     for candidate, known, weight in zip(candidates, evidence, weights, strict=True):
         if weight > _MIN_REFINED_WEIGHT:
-            compared.append(_refined(candidate, known, image, search))
+            sweep, known = _refined(candidate, known, image, search)
+            if image.meta.transfer_assumed:
+                sweep = _with_curve_error(
+                    sweep, candidate, (image, plate, streak), search, search_in
+                )
+            compared.append((sweep, known))
         else:
             compared.append((sweep_of(candidate, image), known))
     order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
@@ -450,6 +456,29 @@ def _refined(
         sweep, evidence = sweep_of(replace(candidate, state=converged), image), again
     refined = replace(sweep_of(by_hue, image), model=sweep.model, diagnostics=sweep.diagnostics)
     return refined, evidence
+
+
+def _with_curve_error(
+    sweep: Sweep,
+    candidate: Candidate,
+    pictures: tuple[LinearImage, LinearImage, Streak],
+    search: Multistart,
+    search_in: Search,
+) -> Sweep:
+    """The sweep of a candidate with the error of a transfer curve that was assumed."""
+    image, plate, streak = pictures
+    state, cast = candidate.state, candidate.cast
+
+    def observed(image: LinearImage, plate: LinearImage) -> Observation:
+        """With the noise and the shadow of the candidate's."""
+        found = search_in(streak, image, plate).observation
+        noise = state.observation.noise_inflation / found.noise_inflation
+        found = replace(found.raised(noise), color=state.observation.color)
+        return found if cast is None else in_shadow(found, state, cast)
+
+    by_curve = curve_covariance(state, observed, image, plate, search.bounds)
+    n = len(sweep.covariance)  # without a blur of the rim that is the file's
+    return replace(sweep, curve_covariance=by_curve[:n, :n])
 
 
 def _other_shapes(

@@ -4,13 +4,13 @@ Light mixes linearly, code values do not. With a wrong curve the residuals acros
 correlated along every rim; before a plate of one color this may not be observable.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_kind
+from blurmatte.checks import Array, check_kind
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, check_picture, gamma
 from blurmatte.streaks import Streak, check_streak, require_streaks
@@ -19,8 +19,11 @@ from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.color_field import ColorPrior
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.state import State
 
 CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
+UNSTATED_CURVES = REC709, SRGB, gamma(2.2)  # of clips and pictures that state none
 
 # Variance inflation: of curves that cannot be preferred, over the least; and of residuals that no disc
 # of one color explains with any curve.
@@ -104,7 +107,7 @@ def fit_transfer(
     size, left = FittingSize.of(streak), []
     fitted = streak if size is None else size.streak(streak)
     for curve in tried:
-        pictures = with_noise(decoded_again(image, curve), decoded_again(plate, curve))
+        pictures = with_curve(image, plate, curve)
         if size is not None:  # means of light, which depend on the curve
             pictures = size.pictures(*pictures, streak, measured=True)
         left.append(_inflation_of_one_color(fitted, *pictures))
@@ -120,7 +123,66 @@ def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearIma
     return variance_inflation(minimize(disc, search.bounds))
 
 
-def decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:
+def with_curve(
+    image: LinearImage, plate: LinearImage, curve: Transfer
+) -> tuple[LinearImage, LinearImage]:
+    """Image and plate decoded with another curve than that of the image; their noise is measured."""
+    declared = image.meta.transfer
+    assert declared is not None
+    plate = replace(plate, meta=replace(plate.meta, transfer=declared))
+    return with_noise(_decoded_again(image, curve), _decoded_again(plate, curve))
+
+
+def curve_covariance(
+    state: State,
+    observed: Callable[[LinearImage, LinearImage], Observation],
+    image: LinearImage,
+    plate: LinearImage,
+    bounds: tuple[float, float],
+) -> Array:
+    """Covariance of path and shape by the curve of an image that does not state it.
+
+    Where light is half the object's is elsewhere with another curve: the rim moves all along the path,
+    and no residuals show it. The covariance is the mean of d dᵀ over `UNSTATED_CURVES`, where d is the
+    change of the parameters. A curve that leaves residuals much more correlated than the assumed one
+    is excluded.
+
+    Parameters
+    ----------
+    state : State
+        Fitted with the assumed curve.
+    observed : callable
+        The observation of image and plate.
+    image, plate : LinearImage
+        Decoded with the assumed curve.
+    bounds : (float, float)
+        Of the radius, pixels.
+
+    Returns
+    -------
+    (n, n) float
+    """
+    assumed = image.meta.transfer
+    assert assumed is not None
+
+    def fitted(curve: Transfer) -> State:
+        """The same path and shape fitted to the light of another curve."""
+        return minimize(state.on(observed(*with_curve(image, plate, curve))), bounds)
+
+    first = fitted(assumed)
+    limit = _MAX_INFLATION_RATIO * variance_inflation(first)
+    changes = [np.zeros(first.size)]
+    for curve in UNSTATED_CURVES:
+        if curve.name == assumed.name:
+            continue
+        other = fitted(curve)
+        if variance_inflation(other) <= limit:
+            changes.append(np.concatenate([other.path - first.path, other.shape - first.shape]))
+    D = np.array(changes)
+    return np.asarray(D.T @ D / len(D))
+
+
+def _decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:
     """The picture decoded with another curve; its noise is unknown."""
     declared = picture.meta.transfer
     assert declared is not None

@@ -6,19 +6,16 @@ scatter of frames shows.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.calibration import with_noise
 from blurmatte.errors import BlurmatteError
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
+from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import find_streaks
 from blurmatte.sweep.fit_sweep import fit_disc
-from blurmatte.sweep.transfer_fit import decoded_again
+from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 
-UNSTATED_CURVES = REC709, SRGB, gamma(2.2)  # of clips that state none
 _FRAMES = 3  # measured with each curve; their shifts differ by a tenth
 _MARGIN = 24  # pixels around the streak
 
@@ -61,11 +58,10 @@ def _log_radii(
         min(int(max(ys) + reach) + 1, height),
     )
     image, behind = frame.crop(box), plate.crop(box)
-    behind = replace(behind, meta=replace(behind.meta, transfer=assumed))
     radii = []
     try:
         for curve in (assumed, *UNSTATED_CURVES):
-            pair = with_noise(decoded_again(image, curve), decoded_again(behind, curve))
+            pair = with_curve(image, behind, curve)
             radii.append(fit_disc(*pair, find_streaks(*pair)[0]).radius)
     except (BlurmatteError, IndexError):
         return None
