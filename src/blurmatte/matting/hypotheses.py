@@ -32,6 +32,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
+from blurmatte.sweep.assess.opacity import MOVED_ODDS
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.sweep import Sweep
 
@@ -124,6 +125,16 @@ class _WeightedHypotheses:
         return float(np.sqrt(weights @ np.square(relative) / max(float(weights.sum()), 1e-12)))
 
     @property
+    def duration_is_open(self) -> bool:
+        """Whether the opacity is too uncertain for a confirmed alpha.
+
+        Of an object that moved, as if a part of the exposure were as probable as all of it before the
+        picture: the prior alone confirms nothing.
+        """
+        prior = 1.0 if self.sweeps[0].silhouette.opacity < 1 else MOVED_ODDS
+        return self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] * np.sqrt(prior)
+
+    @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
@@ -152,8 +163,9 @@ def average_hypotheses(
     average = replace(average, scale_std=float(np.hypot(average.scale_std, by_opacity)))
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
-    if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
+    if found.duration_is_open:
         because = ["duration", *because]
+        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     # The maps have no other place for an error that may be larger than all others.
     average = replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity * average.alpha))
     pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
