@@ -46,8 +46,8 @@ def _presence(sweep: SweepSummary, reasons: Sequence[str]) -> list[str]:
     if opacity == 1 and "duration" in reasons:
         return [
             "It is assumed to have been there for all of the exposure. On a path shorter than itself "
-            "it may have been there for a part only; alpha is then smaller by that factor. A plate with "
-            "texture or a given color would decide."
+            "it may have been there for a part only; alpha is then smaller by that factor. A plate "
+            "with texture or a given color would decide."
         ]
     if opacity == 1:
         return []
