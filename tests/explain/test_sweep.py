@@ -130,3 +130,11 @@ def test_the_part_of_the_exposure_is_stated_of_objects_at_rest(solution, opacity
     said = " ".join(explain(solution(sweep=disc_on_arc(opacity=opacity, opacity_std=std))))
     assert (words or "explains the streak") in said
     assert ("exposure, or hides" in said) == (opacity == 0.5)
+
+
+def test_a_short_path_that_leaves_the_duration_open_is_said_with_its_remedy(solution):
+    short = disc_on_arc(opacity=1.0, opacity_std=0.04)
+    said = " ".join(explain(solution(sweep=short, grade_reasons=("duration",))))
+    assert "may have been there for a part only" in said
+    assert "A plate with texture or a given color would decide." in said
+    assert "there for a part" not in " ".join(explain(solution(sweep=short)))

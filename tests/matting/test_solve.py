@@ -727,16 +727,20 @@ def test_a_swung_ball_has_equal_radius_and_color_in_every_round(real_data):
     assert apart.max() < 2
 
 
-def flash(opacity, radius=12.0, size=(96, 80), contrast=0.12):
-    """Image and plate of a disc at rest that was there for a part of the exposure, and its alpha."""
+def flash(opacity, radius=12.0, size=(96, 80), contrast=0.12, length=0.0):
+    """Image and plate of a disc that was there for a part of the exposure, and its alpha.
+
+    length: of its path, pixels; it moves to the right.
+    """
     from scipy.ndimage import gaussian_filter
 
     rng, (w, h) = np.random.default_rng(3), size
     texture = gaussian_filter(rng.normal(size=(h, w)), 1.2)
     B = np.array([0.2, 0.3, 0.35]) * (1 + contrast * texture / texture.std())[..., None]
     y, x = np.mgrid[:h, :w]
-    disc = np.clip(radius + 0.5 - np.hypot(x - 47.3, y - 39.6), 0, 1)
-    alpha = opacity * disc[..., None]
+    centers = 47.3 + length * (np.arange(64) / 63 - 0.5)
+    discs = [np.clip(radius + 0.5 - np.hypot(x - cx, y - 39.6), 0, 1) for cx in centers]
+    alpha = opacity * np.mean(discs, axis=0)[..., None]
     C = alpha * np.array([0.7, 0.3, 0.06]) + (1 - alpha) * B
     seen = (x + rng.normal(size=x.shape) * np.sqrt(SENSOR.variance(x)) for x in (C, B))
     return *(LinearImage(x, noise=SENSOR) for x in seen), alpha[..., 0]
@@ -752,6 +756,28 @@ def test_alpha_of_a_flash_is_its_part_of_the_exposure(opacity):
     core = true > 0.99 * opacity
     assert np.all(np.abs(solution.alpha - true)[core] < 3 * solution.alpha_std[core] + 0.01)
     assert solution.grade is not Grade.ASSUMED
+
+
+@pytest.mark.parametrize("opacity", [0.5, pytest.param(1.0, marks=pytest.mark.battery)])
+def test_texture_shows_for_how_long_an_object_that_moved_was_there(opacity):
+    image, plate, true = flash(opacity, length=9.0)
+    solution = solve(image, plate)
+    error, std = solution.stats.sum_alpha - true.sum(), solution.stats.sum_alpha_std
+    assert abs(error) < 3 * std < 0.15 * true.sum()
+    core = true > 0.99 * opacity
+    assert np.all(np.abs(solution.alpha - true)[core] < 3 * solution.alpha_std[core] + 0.01)
+    assert solution.grade is not Grade.ASSUMED
+
+
+@pytest.mark.parametrize("opacity", [1.0, pytest.param(0.5, marks=pytest.mark.battery)])
+def test_an_object_that_moved_before_a_plain_wall_is_not_confirmed(opacity):
+    image, plate, true = flash(opacity, contrast=0.0, length=9.0)
+    solution = solve(image, plate)
+    assert solution.grade is Grade.PLAUSIBLE
+    assert solution.stats.grade_reasons[0] == "duration"
+    assert solution.sweep.silhouette.opacity == 1
+    if opacity == 1:
+        assert abs(solution.stats.sum_alpha / true.sum() - 1) < 0.01
 
 
 @pytest.mark.battery

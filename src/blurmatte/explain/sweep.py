@@ -26,7 +26,7 @@ def sweep_in_words(solution: Solution) -> list[str]:
         return []
     if likeliest_shape(solution) is None:
         return _outweighed(sweep, solution.stats.weights or (0.0,))
-    said = [*_explained(sweep, solution), *_presence(sweep)]
+    said = [*_explained(sweep, solution), *_presence(sweep, solution.stats.grade_reasons)]
     if sweep.softness >= _MIN_BLUR_PX:
         said.append(
             f"The lens blurs its rim by {sweep.softness:.1f} px: it was not in focus as the plate is."
@@ -40,9 +40,15 @@ def sweep_in_words(solution: Solution) -> list[str]:
     return said
 
 
-def _presence(sweep: SweepSummary) -> list[str]:
-    """For how much of the exposure an object at rest was there, unless for all of it."""
+def _presence(sweep: SweepSummary, reasons: Sequence[str]) -> list[str]:
+    """For how much of the exposure an object was there, unless certainly for all of it."""
     opacity, std = sweep.opacity, sweep.opacity_std
+    if opacity == 1 and "duration" in reasons:
+        return [
+            "It is assumed to have been there for all of the exposure. On a path shorter than itself "
+            "it may have been there for a part only; alpha is then smaller by that factor. A plate "
+            "with texture or a given color would decide."
+        ]
     if opacity == 1:
         return []
     fraction = with_error(opacity, std)

@@ -33,6 +33,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
+from blurmatte.sweep.assess.opacity import MOVED_ODDS
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.sweep import Sweep
 
@@ -133,6 +134,16 @@ class _WeightedHypotheses:
         return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
 
     @property
+    def duration_is_open(self) -> bool:
+        """Whether the opacity is too uncertain for a confirmed alpha.
+
+        Of an object that moved, as if a part of the exposure were as probable as all of it before the
+        picture: the prior alone confirms nothing.
+        """
+        prior = 1.0 if self.sweeps[0].silhouette.opacity < 1 else MOVED_ODDS
+        return self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] * np.sqrt(prior)
+
+    @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
@@ -183,8 +194,9 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     )
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
-    if by_opacity > GRADE_LIMITS[Grade.CONFIRMED][1]:
+    if found.duration_is_open:
         because = ["duration", *because]
+        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     # The maps have no other place for an error that may be larger than all others.
     average = replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity * average.alpha))
     pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)

@@ -141,7 +141,8 @@ class SweepSummary:
     softness : float
         Standard deviation of the blur of the rim by the lens, pixels; 0 without.
     opacity, opacity_std : float
-        Of an object at rest the part of the exposure during which it was there; else 1 ± 0.
+        Of an object whose path is shorter than itself the part of the exposure during which it was
+        there; else 1 ± 0.
     outlines : (2,) of (n,) of (float, float)
         Points of the outline at the beginning and at the end of the exposure, pixels.
     diagnostics : Diagnostics

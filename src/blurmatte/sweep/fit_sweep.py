@@ -24,7 +24,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
-from blurmatte.sweep.assess.opacity import fit_opacity, is_at_rest
+from blurmatte.sweep.assess.opacity import Opacity, fit_opacity
 from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
@@ -306,7 +306,7 @@ def _fit_before(
 
 
 def _seen_through(disc: State, bounds: tuple[float, float]) -> State:
-    """A disc at rest fitted with its opacity, so that other shapes need not explain the plate in it."""
+    """A disc fitted with its opacity, so that other shapes need not explain the plate in it."""
     thin = _with_opacity(Candidate(disc)).state
     if thin is disc:
         return disc
@@ -314,20 +314,19 @@ def _seen_through(disc: State, bounds: tuple[float, float]) -> State:
 
 
 def _with_opacity(candidate: Candidate) -> Candidate:
-    """The candidate with its opacity if it is at rest, else opaque; path and shape are the same.
+    """The candidate with its opacity and the error of that; path and shape are the same.
 
     Where other frames know the object, it was there all the time.
     """
-    state, opaque = candidate.state, replace(candidate.state.silhouette, opacity=1.0)
-    if state.observation.prior is None and is_at_rest(state):
-        opacity = fit_opacity(state)
-        if opacity.value + opacity.std < OPAQUE or opacity.std > 1 - OPAQUE:
-            thin = replace(opaque, opacity=opacity.value)
-            state = replace(state.of_kind(thin), converged=state.converged)
-            return replace(candidate, state=state, opacity_std=opacity.std)
-    if state.silhouette == opaque:
-        return candidate
-    return replace(candidate, state=replace(state.of_kind(opaque), converged=state.converged))
+    state, found = candidate.state, Opacity(1.0, 0.0)
+    if state.observation.prior is None:
+        fitted = fit_opacity(state)
+        if fitted.value + fitted.std < OPAQUE or fitted.std > 1 - OPAQUE:
+            found = fitted
+    silhouette = replace(state.silhouette, opacity=found.value)
+    if state.silhouette != silhouette:
+        state = replace(state.of_kind(silhouette), converged=state.converged)
+    return replace(candidate, state=state, opacity_std=found.std)
 
 
 def _is_explained(observation: Observation, inflation: float, excess: float) -> bool:

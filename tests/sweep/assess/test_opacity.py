@@ -1,4 +1,4 @@
-"""The opacity of an object at rest, from the plate's texture that is seen through it."""
+"""The opacity of an object on a short path, from the plate's texture that is seen through it."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
-from blurmatte.sweep.assess.opacity import fit_opacity, is_at_rest
+from blurmatte.sweep.assess.opacity import MOVED_ODDS, fit_opacity, is_at_rest
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
@@ -22,21 +22,26 @@ COLOR, WALL = np.array([0.7, 0.3, 0.06]), np.array([0.25, 0.3, 0.28])
 PATH = np.array([*CENTER, *CENTER])
 
 
-def state(opacity, contrast, std, seed=0, model=None):
-    """A disc at rest with the true shape, before a wall of one hue with texture, and noise."""
+def along(length):
+    """The parameters of a line with a length in radii."""
+    return PATH + np.array([-1, 0, 1, 0]) * length * RADIUS / 2
+
+
+def state(opacity, contrast, std, seed=0, model=None, path=PATH):
+    """A disc with the true shape and path, before a wall of one hue with texture, and noise."""
     from scipy.ndimage import gaussian_filter
 
     rng = np.random.default_rng(seed)
     (w, h), noise = SIZE, NoiseModel(gain=0, read_std=std)
     texture = gaussian_filter(rng.normal(size=(h, w)), 1)
     B = WALL * (1 + contrast * texture / texture.std())[..., None]
-    disc = DISC.sweep(LINE, PATH, np.array([RADIUS]), Pixels((h, w), (0, 0))).alpha
+    disc = DISC.sweep(LINE, path, np.array([RADIUS]), Pixels((h, w), (0, 0))).alpha
     alpha = (opacity * disc)[..., None]
     C = alpha * COLOR + (1 - alpha) * B
     image, plate = (LinearImage(x + std * rng.normal(size=x.shape), noise=noise) for x in (C, B))
     color = ColorPrior.of(model)
     around = observation_around(Streak(disc > 0), 30, image, plate, color)
-    return start_along(replace(around, grain=RADIUS / 4), LINE, PATH, RADIUS)
+    return start_along(replace(around, grain=RADIUS / 4), LINE, path, RADIUS)
 
 
 @pytest.mark.parametrize("opacity", [0.1, 0.5, 1.0])
@@ -85,3 +90,39 @@ def test_a_path_shorter_than_half_the_radius_is_at_rest():
     assert is_at_rest(still)
     assert is_at_rest(still.moved(PATH + np.array([0, 0, 0.45 * RADIUS, 0]), still.shape))
     assert not is_at_rest(still.moved(PATH + np.array([0, 0, 0.55 * RADIUS, 0]), still.shape))
+
+
+@pytest.mark.parametrize("opacity", [0.3, 0.8])
+@pytest.mark.parametrize("length", [0.6, 1.2])
+def test_texture_shows_that_an_object_that_moved_was_there_for_a_part(opacity, length):
+    found = fit_opacity(state(opacity, 0.1, 0.006, path=along(length)))
+    assert found.std < 0.05
+    assert abs(found.value - opacity) < 3 * found.std
+
+
+@pytest.mark.parametrize("length", [0.6, 1.2])
+def test_texture_shows_that_an_object_that_moved_was_there_all_the_time(length):
+    found = fit_opacity(state(1.0, 0.1, 0.006, path=along(length)))
+    assert found.value == 1
+    assert found.std < 1e-3
+
+
+@pytest.mark.parametrize("opacity", [0.4, 1.0])
+def test_an_object_that_moved_before_a_plain_wall_is_opaque_with_the_error_of_the_prior(opacity):
+    found = fit_opacity(state(opacity, 0.0, 0.006, path=along(0.9)))
+    assert found.value == 1
+    assert 0.003 < found.std <= np.sqrt(MOVED_ODDS / 3)
+
+
+def test_a_given_color_gives_the_part_of_an_object_that_moved():
+    model = ColorModel.from_samples(np.array([COLOR]), std=1e-3)
+    found = fit_opacity(state(0.4, 0.0, 0.006, model=model, path=along(0.9)))
+    assert found.std < 0.02
+    assert abs(found.value - 0.4) < 3 * found.std
+    opaque = fit_opacity(state(1.0, 0.0, 0.006, model=model, path=along(0.9)))
+    assert (opaque.value, opaque.std < 1e-3) == (1, True)
+
+
+def test_a_path_longer_than_the_disc_leaves_no_pixel_that_shows_its_opacity():
+    found = fit_opacity(state(0.5, 0.1, 0.006, path=along(2.2)))
+    assert (found.value, found.std) == (1, 0)

@@ -1,8 +1,9 @@
-"""The opacity of an object at rest, from the plate's texture that is seen through it.
+"""The opacity of an object on a short path, from the plate's texture that is seen through it.
 
-An object at rest that was there for the fraction f of the exposure, or that hides the fraction f of the
-light behind it, has the alpha f χ with its coverage χ. Its light α k determines the product f k alone,
-so that neither shape nor motion determines f. Where χ = 1,
+An object that was there for the fraction f of the exposure, or that hides the fraction f of the light
+behind it, has the alpha f χ. χ is the part of that time during which it covers the pixel. The light
+α k determines the product f k alone, so that neither shape nor motion determines f. On a path
+shorter than the object there are pixels that it covers all that time. Where χ = 1,
 
     C = f k + (1 − f) B,
 
@@ -17,8 +18,10 @@ and their files leave. λ and ρ are measured around the object, where f = 0. Th
 blocks is the error. With known colors (a line or plane), image and plate themselves are used along the
 axes across these colors, in which the object has no light (equation (2) of the design).
 
-The prior is a uniform density of f, and the same probability for f = 1; colors that are physically
-impossible exclude values of f. A plate without texture leaves the prior as it is.
+The prior is a uniform density of f, and a probability for f = 1: the same for an object at rest, and
+1 / (1 + `MOVED_ODDS`) for one that moved. Colors that are physically impossible exclude values of f. A
+plate without texture leaves the prior as it is. Of one that moved, f is 1 unless the evidence against
+this is decisive, and its error is the root mean square of 1 − f.
 """
 
 from collections.abc import Callable
@@ -28,6 +31,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
@@ -45,9 +49,11 @@ _NOISE_SCALE_STD = 0.5  # of λ about 1, before it is measured
 _MISMATCH_STD = 0.05  # of 1/ρ about 1, before it is measured
 # Of λ and 1/ρ in compressed pictures: files drop weak texture, so that inside is not as around
 _COMPRESSED_STD = 0.2
-# Of the path of an object that counts as at rest, of its radius: a flash is short, and objects that
-# move on are there all the time
+# Of the path of an object that counts as at rest, of its radius: a flash is short
 _MAX_LENGTH = 0.5
+# Prior odds that an object that moved was there for a part of the exposure only: decisive evidence
+# makes them even
+MOVED_ODDS = float(np.exp(-DECISIVE_LOG_BAYES_FACTOR))
 
 
 @dataclass(frozen=True)
@@ -114,9 +120,14 @@ def is_at_rest(state: State) -> bool:
 
 
 def fit_opacity(state: State) -> Opacity:
-    """The opacity of an object at rest whose shape and path are those of a fit."""
-    observation = state.observation
+    """The opacity of an object whose shape and path are those of a fit.
+
+    1 ± 0 if it covers no pixel all the time that it is there.
+    """
+    observation, at_rest = state.observation, is_at_rest(state)
     inside = state.swept.alpha >= OPAQUE * state.silhouette.opacity
+    if not (at_rest or inside.any()):
+        return Opacity(1.0, 0.0)
     inside &= observation.valid & (observation.weight > 0)
     around = (observation.weight == observation.weight.max()) & observation.valid
     around &= ~dilated((state.swept.alpha > 0) | observation.streak, BlockStatistics.margin_px)
@@ -127,7 +138,7 @@ def fit_opacity(state: State) -> Opacity:
     if observation.color.rank < 3 and inside.any():
         scores.append(_across(observation, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
-    return _posterior(known, observation, inside)
+    return _posterior(known, observation, inside, 1.0 if at_rest else MOVED_ODDS)
 
 
 def _of_texture(observation: Observation, inside: Bools, around: Bools, size: int) -> _Scores:
@@ -245,8 +256,10 @@ def _without_planes(
     return (left[0], left[1]), free
 
 
-def _posterior(scores: list[_Scores], observation: Observation, inside: Bools) -> Opacity:
-    """Mean and standard deviation under the prior of the module."""
+def _posterior(
+    scores: list[_Scores], observation: Observation, inside: Bools, odds: float
+) -> Opacity:
+    """Mean and standard deviation under the prior of the module; odds: of f < 1 against f = 1."""
     values = [np.linspace(0.001, 1, 400)]
     for one in scores:
         peak, std = one.peak
@@ -256,10 +269,12 @@ def _posterior(scores: list[_Scores], observation: Observation, inside: Bools) -
     possible = _possible(f, observation, inside)
     log = np.where(possible | (not possible.any()), log, -np.inf)
     density = np.exp(log - log.max())
-    mass = np.append(density * np.gradient(f), density[-1])
+    mass = np.append(odds * density * np.gradient(f), density[-1])
     mass /= mass.sum()
     f = np.append(f, 1.0)
     mean = float(mass @ f)
+    if odds < 1 and mass[-1] > 0.5:
+        mean = 1.0
     return Opacity(mean, float(np.sqrt(mass @ (f - mean) ** 2)))
 
 
