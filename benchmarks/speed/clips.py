@@ -13,11 +13,11 @@ from benchmarks.speed.editing import measured
 from benchmarks.table import Cell, Table, publish_all
 
 import blurmatte as bm
-from blurmatte.clips.shots import shots_of
 from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.measure import sightings_in_scene
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
+from blurmatte.motion.clip.steps import shots_of
 from blurmatte.rendering import colorful_plate
 
 SIZES, QUICK_SIZES = ((1920, 1080), (3840, 2160)), ((320, 180),)

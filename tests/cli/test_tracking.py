@@ -15,7 +15,7 @@ import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.clip_table import KnownQuantities, table
 from blurmatte.motion import Workers
-from blurmatte.motion.clip import measure
+from blurmatte.motion.clip import steps
 from blurmatte.rendering import colorful_plate
 
 FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
@@ -121,7 +121,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     track("--out", out)
     whole = out.read_bytes()
     out.unlink()
-    real = measure.sightings_in_scene
+    real = steps.sightings_in_scene
 
     def interrupted(*args, **options):
         for k, seen in enumerate(real(*args, **options)):
@@ -129,7 +129,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
                 raise KeyboardInterrupt
             yield seen
 
-    monkeypatch.setattr(measure, "sightings_in_scene", interrupted)
+    monkeypatch.setattr(steps, "sightings_in_scene", interrupted)
     stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
     assert f"{begun}: keeps the finished frames; run the same again" in stopped.stderr
@@ -137,7 +137,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
     skipped = []
     monkeypatch.setattr(
-        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out).exit_code == 0
     assert skipped == [2]
@@ -172,9 +172,9 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     lines = begun.read_bytes().splitlines(keepends=True)
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
-    real, skipped = measure.sightings_in_scene, []
+    real, skipped = steps.sightings_in_scene, []
     monkeypatch.setattr(
-        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out).exit_code == 0
     assert skipped == [first_new]
@@ -184,9 +184,9 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
 
 def test_other_options_begin_anew(track, finished, tmp_path, monkeypatch):
     out, begun, whole = journal(finished, tmp_path)
-    real, skipped = measure.sightings_in_scene, []
+    real, skipped = steps.sightings_in_scene, []
     monkeypatch.setattr(
-        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out, "--frames", "::2").exit_code == 0
     assert skipped == [0]
@@ -199,7 +199,7 @@ def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, m
         raise ValueError("Singular matrix")
         yield
 
-    monkeypatch.setattr(measure, "sightings_in_scene", fails)
+    monkeypatch.setattr(steps, "sightings_in_scene", fails)
     assert track("--out", tmp_path / "t.csv").exit_code == 2
     assert list(tmp_path.iterdir()) == []
 

@@ -116,9 +116,8 @@ def measure_frames(
     task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
 ) -> ClipMeasurement:
     """The object in each frame; the plate is made of them if none is given."""
-    from blurmatte.motion.clip.color import color_in_scene, seen_color
-    from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
-    from blurmatte.motion.clip.scene import clip_plate
+    from blurmatte.motion.clip.color import seen_color
+    from blurmatte.motion.clip.steps import ClipInputs, measured
     from blurmatte.motion.clip.transfer_spread import radius_spread
     from blurmatte.motion.clip.workers import return_freed_memory
 
@@ -131,32 +130,22 @@ def measure_frames(
         task.recorded() as (old, record),
         about(task.source),
         bm.Workers(max(min(count, len(frames)), 1)) as workers,
+        waiting("reading the clip"),
     ):
         frames = frames.for_plate(plate)
-        if plate is None:
-            with waiting("making the plate"):
-                plate = clip_plate(frames)
-        scene = scene_of(frames, plate, model)
-        if model is None:
-            with waiting("finding the color"):
-                model = color_in_scene(frames, scene, workers)
-        seen = sightings_in_scene(
-            frames,
-            scene,
-            model,
-            workers,
-            several=task.several,
-            numbers=frames.frame_numbers,
+        clip = ClipInputs(
+            *(frames, plate, model, task.several),
             rate=task.rate,
-            skip=len(old),
+            min_frames=task.min_frames,
+            finished=old,
         )
-        new = with_progress(seen, "measuring", len(frames) - len(old))
-        kept = _kept(old, new, record)
-        rows = (
-            bm.motion.link_objects(kept, task.min_frames)
-            if task.several
-            else bm.motion.link_sightings(kept)
-        )
+        for event in measured(clip, workers):
+            if isinstance(event, bm.motion.FrameSightings):
+                record(event)
+            else:
+                plate, rows, model = event.plate, event.rows, event.model
+        assert plate is not None
+        assert model is not None
         if task.readout is not None:
             rows = [_read_out(row, task.readout) for row in rows]
         places = None
@@ -196,13 +185,3 @@ def _read_out(row: bm.motion.FrameMotion, readout: Direction) -> bm.motion.Frame
         row,
         sighting=replace(row.sighting, measured=replace(row.sighting.measured, readout=readout)),
     )
-
-
-def _kept(
-    old: Sequence[bm.motion.FrameSightings], new: Iterator[bm.motion.FrameSightings], record: Record
-) -> Iterator[bm.motion.FrameSightings]:
-    """All frames; each new one is recorded at once."""
-    yield from old
-    for frame in new:
-        record(frame)
-        yield frame

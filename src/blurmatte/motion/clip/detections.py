@@ -170,6 +170,11 @@ class FrameMotion:
     object: int | None = None
 
     @property
+    def place(self) -> tuple[int, int]:
+        """Number of the frame and of the object, by which rows of all tables are found."""
+        return self.frame, self.object or 1
+
+    @property
     def something_moved(self) -> bool:
         """Whether the frame differs from the plate, by the object or by anything else."""
         return self.sighting is not None or self.reason != NOTHING_MOVED
