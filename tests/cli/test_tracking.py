@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.cli.clip_table import KnownQuantities, table
 from blurmatte.motion import Workers
 from blurmatte.motion.clip import steps
+from blurmatte.motion.clip.summary import KnownQuantities, clip_table
 from blurmatte.rendering import colorful_plate
 
 FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
@@ -84,20 +84,20 @@ def test_speed_allows_for_rolling_shutter():
     down = sighted((60, 40), (6, 8), length=100.0, length_std=0.0, ends=ends)
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
     rows = [bm.motion.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
-    known = KnownQuantities(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
-    lines = table(rows, None, [], known)
+    known = KnownQuantities(exposure=(0.01, 0.0), line_time=2e-5)
+    lines = clip_table(rows, None, [], known)
     fast = 100 / 0.0084
     slow = 100 / 0.0116
     assert [line["speed"] for line in lines] == pytest.approx([slow, fast, (slow + fast) / 2, None])
     stds = [line["speed_std"] for line in lines[:3]]
     assert stds == pytest.approx([0, 0, (fast - slow) / 2], abs=1e-9)
-    per_exposure = table(rows, None, [], replace(known, time=None))
+    per_exposure = clip_table(rows, None, [], replace(known, exposure=None))
     assert [line["speed"] for line in per_exposure[:3]] == [100.0] * 3
     turned = [replace(row, sighting=s and turned_left(s))
               for row, (s, _) in zip(rows, seen, strict=True)]  # fmt: skip
-    speeds = [line["speed"] for line in table(turned, None, [], known)[:2]]
+    speeds = [line["speed"] for line in clip_table(turned, None, [], known)[:2]]
     assert speeds == pytest.approx([100 / 0.0088, 100 / 0.0112])  # 60 columns from right to left
-    impossible = table(rows, None, [], replace(known, line_time=2e-4))
+    impossible = clip_table(rows, None, [], replace(known, line_time=2e-4))
     assert impossible[1]["speed"] is None
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
 
@@ -150,7 +150,7 @@ def finished(folder, tmp_path_factory):
     """Bytes of a journal that holds all frames, and of their table."""
     out = tmp_path_factory.mktemp("finished") / "t.csv"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
+        patch.setattr("blurmatte.cli.clips.remove_unfinished", lambda path: None)
         run(folder, "--out", out)
     return out.with_name("t.csv.unfinished").read_bytes(), out.read_bytes()
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import DIRECTIONS, Array, check_kind
+from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
 from blurmatte.motion.columns import Column, numbers_of
 from blurmatte.motion.picture.motion import Motion
 
@@ -178,6 +178,15 @@ class FrameMotion:
     def something_moved(self) -> bool:
         """Whether the frame differs from the plate, by the object or by anything else."""
         return self.sighting is not None or self.reason != NOTHING_MOVED
+
+    def read_out(self, readout: Direction) -> FrameMotion:
+        """The same of a camera whose next row lies in this direction."""
+        seen = self.sighting
+        if seen is None:
+            return self
+        return replace(
+            self, sighting=replace(seen, measured=replace(seen.measured, readout=readout))
+        )
 
     @property
     def stated(self) -> Sighting | None:

@@ -34,7 +34,6 @@ from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import (
-    CodedFrame,
     CodedSequence,
     LinearImage,
     check_picture,
@@ -185,11 +184,11 @@ class _Detector:
             if frame is None:
                 found.append(FrameSightings(number, time, (), "it cannot be decoded"))
             else:
-                found.append(self._detected(number, time, frame))
+                crops = list(self.scene.crops(frame, self.scene.boxes(frame, index)))
+                found.append(self._detected(number, time, crops))
         return found
 
-    def _detected(self, number: int, time: float | None, frame: CodedFrame) -> FrameSightings:
-        crops = list(self.scene.crops(frame, self.scene.gate.changes(frame).boxes))
+    def _detected(self, number: int, time: float | None, crops: Sequence[Crop]) -> FrameSightings:
         parts = self._parts(crops)
         found, reasons, rest = [], [], deque(parts)
         single = self.color is not None and not self.several

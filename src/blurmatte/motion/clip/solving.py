@@ -141,7 +141,7 @@ class FrameSolver:
             If the object cannot be separated.
         """
         if wanted.row.sighting is None:
-            return self._solved_alone(frame)
+            return self._solved_alone(frame, wanted.index)
         crop, streak, start, prior = self._prepared(frame, wanted)
         solver = self.solver or (Swept() if wanted.has_shape else None)
         if prior is None:
@@ -157,9 +157,9 @@ class FrameSolver:
         reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
         return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
-    def _solved_alone(self, frame: CodedFrame) -> tuple[Crop, Solution]:
+    def _solved_alone(self, frame: CodedFrame, index: int) -> tuple[Crop, Solution]:
         """The crop around all that moved, and the solution of its likeliest streak."""
-        boxes = np.array(self.scene.gate.changes(frame).boxes)
+        boxes = np.array(self.scene.boxes(frame, index))
         x0, y0 = boxes[:, :2].min(axis=0).tolist()
         x1, y1 = boxes[:, 2:].max(axis=0).tolist()
         (crop,) = self.scene.crops(frame, [(x0, y0, x1, y1)])
@@ -171,7 +171,7 @@ class FrameSolver:
         """The crop around the object; streak, start of the fit and prior in it."""
         sighting, prior = wanted.row.sighting, wanted.prior
         assert sighting is not None
-        boxes = self.scene.gate.changes(frame).boxes
+        boxes = self.scene.boxes(frame, wanted.index)
         (crop,) = self.scene.crops(frame, [_box_of(sighting, boxes, frame.size)])
         if prior is not None:
             prior = prior.shifted(-np.array(crop.box[:2], float))

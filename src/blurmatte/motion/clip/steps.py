@@ -6,25 +6,24 @@ the command `track` differ in what they do with the results. Stages, and how far
 
 from __future__ import annotations
 
-import logging
-import time
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from blurmatte.background import Shot, find_shots, thumbnail
 from blurmatte.background.shots import Thumbnail
-from blurmatte.checks import Bools, check_kind
+from blurmatte.checks import Bools, Direction, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.matting.case import Solver
 from blurmatte.matting.solution import Solution
-from blurmatte.motion.clip.color import color_in_scene
+from blurmatte.motion.clip.color import color_in_scene, seen_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
 from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
-from blurmatte.motion.clip.scene import StaticScene, clip_plate
+from blurmatte.motion.clip.progress import LOG, logged
+from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
     Wanted,
@@ -36,10 +35,7 @@ from blurmatte.motion.clip.solving import (
 from blurmatte.motion.clip.workers import Failure, Workers, parts_of, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames, each_coded
 
-T = TypeVar("T")
 Answer = TypeVar("Answer")
-
-_LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage, and after each frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,10 +112,26 @@ class ClipMeasured:
     scene: StaticScene | None = None
     model: ColorModel | None = None
 
+    @property
+    def color(self) -> ColorModel:
+        """The color model by which the object was measured."""
+        assert self.model is not None  # all solutions exist otherwise
+        return self.model
+
+    @property
+    def seen_color(self) -> ColorModel:
+        """The color of the object in all frames; of objects of any colors there is no mean."""
+        several = self.clip.several and self.color.rank == 3
+        return self.color if several else seen_color(self.color, self.rows)
+
+    def read_out(self, readout: Direction) -> ClipMeasured:
+        """The same of a camera whose next row lies in this direction."""
+        return replace(self, rows=[row.read_out(readout) for row in self.rows])
+
 
 def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[Shot]:
     """The shots of a clip; each is measured by itself."""
-    _LOG.info("finding the shots")
+    LOG.info("finding the shots")
     step = next(coded_frames(frames, slice(0, 1))).step
     parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
     return find_shots((one for part in parts for one in part), step)
@@ -148,7 +160,7 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
     """
     frames, plate, model, seen = clip.frames, clip.plate, clip.model, list(clip.finished)
     if plate is None:
-        _LOG.info("making the plate")
+        LOG.info("making the plate")
         plate = clip_plate(frames)
     if clip.written is not None and len(seen) == len(frames):
         rows = clip.linked(seen)
@@ -157,7 +169,8 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
             return
     scene = scene_of(frames, plate, model or ColorModel.any(), clip.hidden, clip.rate)
     if model is None:
-        _LOG.info("finding the color")
+        LOG.info("finding the color")
+        scene = survey(frames, scene, workers)
         model = _color(clip, scene, workers)
     new = sightings_in_scene(
         *(frames, scene, model, workers),
@@ -166,7 +179,7 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
         rate=clip.rate,
         skip=len(seen),
     )
-    for one in _logged(new, "measuring", len(frames) - len(seen)):
+    for one in logged(new, "measuring", len(frames) - len(seen)):
         seen.append(one)
         yield one
     yield ClipMeasured(clip, plate, clip.linked(seen), scene, model)
@@ -202,22 +215,12 @@ def solved(
     if done.scene is None or done.model is None:
         return
     clip, found = done.clip, done.clip.model is None
-    _LOG.info("finding what the frames share")
+    LOG.info("finding what the frames share")
     each = FrameSolver.of(clip.frames, done.scene, done.model, solver)
     wanted = wanted_frames(clip.frames, done.rows, each, clip.numbers, workers, found)
     rest = [one for one in wanted if one.row.place not in (clip.written or ())]
     outcomes = workers.over(clip.frames, work(each), parts_to_solve(rest))
-    yield from zip(rest, _logged(outcomes, "solving", len(rest)), strict=True)
-
-
-def _logged(things: Iterable[T], stage: str, count: int) -> Iterator[T]:
-    """The same; the log says how many are done and when all will be."""
-    begun = time.monotonic()
-    _LOG.info(stage)
-    for done, thing in enumerate(things, 1):
-        seconds = (time.monotonic() - begun) * (count - done) / done
-        _LOG.info(f"{stage}: {done} of {count} frames, {seconds:.0f} s remain")
-        yield thing
+    yield from zip(rest, logged(outcomes, "solving", len(rest)), strict=True)
 
 
 def measure_clip(
