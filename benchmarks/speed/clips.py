@@ -13,11 +13,11 @@ from benchmarks.speed.editing import measured
 from benchmarks.table import Cell, Table, publish_all
 
 import blurmatte as bm
-from blurmatte.clips.shots import shots_of
 from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.measure import sightings_in_scene
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
+from blurmatte.motion.clip.steps import shots_of
 from blurmatte.rendering import colorful_plate
 
 SIZES, QUICK_SIZES = ((1920, 1080), (3840, 2160)), ((320, 180),)
@@ -72,21 +72,21 @@ def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     plates: list[bm.LinearImage] = []
     plate_seconds = cpu_seconds(lambda: plates.append(clip_plate(clip)))
     scene = StaticScene.of(clip, plates[0])
-    list(survey(clip[:2], scene, alone))  # compiles, or loads what is compiled
+    survey(clip[:2], scene, alone)  # compiles, or loads what is compiled
     steps = {
         "decoding": lambda: sum(1 for _ in clip.coded(slice(None))),
         "shots, with decoding": lambda: shots_of(clip, alone),
-        "gate, with decoding": lambda: list(survey(clip, scene, alone)),
+        "gate, with decoding": lambda: survey(clip, scene, alone),
     }
     times = [{name: cpu_seconds(job) for name, job in steps.items()} for _ in range(ROUNDS)]
     rows = [(name, min(each[name] for each in times), float(count)) for name in steps]
     rows.append(("plate, of each clip", plate_seconds, 1.0))
-    model = color_in_scene(clip, scene, alone)
+    model = color_in_scene(clip, survey(clip, scene, alone), alone)
     seen: list[bm.motion.FrameSightings] = []
     new = sightings_in_scene(clip, scene, model, alone, several=False, numbers=range(count))
     rows.append(("table, all frames", cpu_seconds(lambda: seen.extend(new)), float(count)))
     solver = FrameSolver.of(clip, scene, model)
-    wanted = wanted_frames(clip, bm.motion.link_sightings(seen), solver, range(count), alone)
+    wanted = wanted_frames(clip, bm.motion.link_sightings(seen), solver, range(count), alone, False)
     solver(clip[wanted[0].index : wanted[0].index + 1], wanted[0])
     few = wanted[1 : solved + 1]
     seconds = cpu_seconds(lambda: [solver(clip[one.index : one.index + 1], one) for one in few])

@@ -13,9 +13,9 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.cli.clip_table import KnownQuantities, table
 from blurmatte.motion import Workers
-from blurmatte.motion.clip import measure
+from blurmatte.motion.clip import steps
+from blurmatte.motion.clip.summary import KnownQuantities, clip_table
 from blurmatte.rendering import colorful_plate
 
 FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
@@ -84,20 +84,20 @@ def test_speed_allows_for_rolling_shutter():
     down = sighted((60, 40), (6, 8), length=100.0, length_std=0.0, ends=ends)
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
     rows = [bm.motion.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
-    known = KnownQuantities(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
-    lines = table(rows, None, [], known)
+    known = KnownQuantities(exposure=(0.01, 0.0), line_time=2e-5)
+    lines = clip_table(rows, None, [], known)
     fast = 100 / 0.0084
     slow = 100 / 0.0116
     assert [line["speed"] for line in lines] == pytest.approx([slow, fast, (slow + fast) / 2, None])
     stds = [line["speed_std"] for line in lines[:3]]
     assert stds == pytest.approx([0, 0, (fast - slow) / 2], abs=1e-9)
-    per_exposure = table(rows, None, [], replace(known, time=None))
+    per_exposure = clip_table(rows, None, [], replace(known, exposure=None))
     assert [line["speed"] for line in per_exposure[:3]] == [100.0] * 3
     turned = [replace(row, sighting=s and turned_left(s))
               for row, (s, _) in zip(rows, seen, strict=True)]  # fmt: skip
-    speeds = [line["speed"] for line in table(turned, None, [], known)[:2]]
+    speeds = [line["speed"] for line in clip_table(turned, None, [], known)[:2]]
     assert speeds == pytest.approx([100 / 0.0088, 100 / 0.0112])  # 60 columns from right to left
-    impossible = table(rows, None, [], replace(known, line_time=2e-4))
+    impossible = clip_table(rows, None, [], replace(known, line_time=2e-4))
     assert impossible[1]["speed"] is None
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
 
@@ -121,7 +121,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     track("--out", out)
     whole = out.read_bytes()
     out.unlink()
-    real = measure.sightings_in_scene
+    real = steps.sightings_in_scene
 
     def interrupted(*args, **options):
         for k, seen in enumerate(real(*args, **options)):
@@ -129,7 +129,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
                 raise KeyboardInterrupt
             yield seen
 
-    monkeypatch.setattr(measure, "sightings_in_scene", interrupted)
+    monkeypatch.setattr(steps, "sightings_in_scene", interrupted)
     stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
     assert f"{begun}: keeps the finished frames; run the same again" in stopped.stderr
@@ -137,7 +137,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
     skipped = []
     monkeypatch.setattr(
-        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out).exit_code == 0
     assert skipped == [2]
@@ -150,7 +150,7 @@ def finished(folder, tmp_path_factory):
     """Bytes of a journal that holds all frames, and of their table."""
     out = tmp_path_factory.mktemp("finished") / "t.csv"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
+        patch.setattr("blurmatte.cli.clips.remove_unfinished", lambda path: None)
         run(folder, "--out", out)
     return out.with_name("t.csv.unfinished").read_bytes(), out.read_bytes()
 
@@ -172,9 +172,9 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     lines = begun.read_bytes().splitlines(keepends=True)
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
-    real, skipped = measure.sightings_in_scene, []
+    real, skipped = steps.sightings_in_scene, []
     monkeypatch.setattr(
-        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out).exit_code == 0
     assert skipped == [first_new]
@@ -184,9 +184,9 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
 
 def test_other_options_begin_anew(track, finished, tmp_path, monkeypatch):
     out, begun, whole = journal(finished, tmp_path)
-    real, skipped = measure.sightings_in_scene, []
+    real, skipped = steps.sightings_in_scene, []
     monkeypatch.setattr(
-        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out, "--frames", "::2").exit_code == 0
     assert skipped == [0]
@@ -199,7 +199,7 @@ def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, m
         raise ValueError("Singular matrix")
         yield
 
-    monkeypatch.setattr(measure, "sightings_in_scene", fails)
+    monkeypatch.setattr(steps, "sightings_in_scene", fails)
     assert track("--out", tmp_path / "t.csv").exit_code == 2
     assert list(tmp_path.iterdir()) == []
 

@@ -82,7 +82,7 @@ def test_layer_over_plate_is_the_frame(once, pictures):
 def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
     """Exact: nor is the color found again."""
     folder, _ = once
-    monkeypatch.setattr("blurmatte.clips.shots.color_or_any", None)
+    monkeypatch.setattr("blurmatte.motion.clip.steps.color_in_scene", None)
     before = contents(folder)
     assert saved(shot, folder).new == 0
     assert contents(folder) == before

@@ -17,7 +17,7 @@ from PIL import Image
 from tests.files.conftest import write_dng
 
 import blurmatte as bm
-from blurmatte.cli import app, tracking
+from blurmatte.cli import app, clips
 from blurmatte.files import path_to_mapping
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory
@@ -189,7 +189,7 @@ def _write_results(folder):
         out.rmdir()
     run("render", folder / "scene.toml", "--out", folder / "truth")
     bm.write(folder / "path.json", path_to_mapping(Trajectory.line((8, 12), (22, 11)), 5.5))
-    with patch.object(tracking, "remove_unfinished", lambda task: None):
+    with patch.object(clips, "remove_unfinished", lambda path: None):
         track = "track", folder / "frames", "--plate", plate, "--color", COLOR, "--rate", 30
         run(*track, "--workers", 1, "--out", folder / "table.csv")
     (folder / "table.csv.unfinished").rename(folder / "journal.csv")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import logging
 import os
 import shlex
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -138,7 +136,8 @@ def solve_clip(
             solver,
         )
         with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
-            report = _followed(bm.save_clip(run, folder, workers), len(frames))
+            *_, report = bm.save_clip(run, folder, workers)
+            assert isinstance(report, bm.clips.ClipReport)
     if out.suffix.lower() == ".mov" and (folder / "layers.mov").exists():
         os.replace(folder / "layers.mov", out)
     _answer(report, folder, out, as_json)
@@ -182,31 +181,6 @@ def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.Work
     processes = options.workers or min(os.cpu_count() or 1, max(count // 8, 1))
     with bm.Workers(processes) as workers:
         yield workers
-
-
-def _followed(events: Iterator[Any], count: int) -> bm.clips.ClipReport:
-    """The report at the end; meanwhile shows how far it is, how fast, and what remains."""
-    log, begun, measured, solved = logging.getLogger("blurmatte"), time.monotonic(), 0, 0
-    log.info("looking for shots, plate and color")
-    for event in events:
-        match event:
-            case bm.motion.FrameSightings():
-                measured += 1
-                rate = measured / max(time.monotonic() - begun, 1e-3)
-                rest = (count - measured) / rate
-                log.info(
-                    f"measured {measured} of {count} frames, {rate:.1f} a second, {rest:.0f} s remain"
-                )
-                solving = time.monotonic()
-            case bm.clips.FrameRecord():
-                solved += 1
-                if solved == 1:
-                    solving = time.monotonic()
-                rate = solved / max(time.monotonic() - solving, 1e-3)
-                log.info(f"solved {solved} frames, {rate:.1f} a second: frame {event.frame}")
-            case bm.clips.ClipReport():
-                return event
-    raise RuntimeError("a run ends with its report")
 
 
 def _answer(report: bm.clips.ClipReport, folder: Path, out: Path, as_json: bool) -> None:

@@ -1,91 +1,80 @@
-"""The object in every frame of a clip, and how an interrupted run is resumed."""
+"""What `track` does when it runs; all of the library is imported here, and this module only then."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import blurmatte as bm
-from blurmatte.cli.console import about, complain, waiting, with_progress
+from blurmatte.cli.console import about, answer, complain, in_degrees, waiting
 from blurmatte.cli.quantities import Direction
-
-Places: TypeAlias = "Sequence[bm.motion.BallPlace | None]"
-Record: TypeAlias = "Callable[[bm.motion.FrameSightings], None]"
+from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
+from blurmatte.explain.clip import clip_in_words, summary_in_words
+from blurmatte.motion.clip.balls import balls_in_space
+from blurmatte.motion.clip.cadence import Cadence
+from blurmatte.motion.clip.detections import FrameSightings
+from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured
+from blurmatte.motion.clip.summary import KnownQuantities, Places, clip_table, summaries
+from blurmatte.motion.clip.transfer_spread import radius_spread
+from blurmatte.motion.clip.workers import return_freed_memory
+from blurmatte.motion.picture.motion import MAX_READOUT
 
 _MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than they save
 
 
 @dataclass(frozen=True, eq=False)
-class KnownBall:
-    """A ball of known radius before a calibrated camera."""
+class Tracking:
+    """What is measured in a clip, and where the table and the frames that are finished are kept."""
 
-    lens: bm.Intrinsics
-    radius: tuple[float, float]  # true radius and its error, meters
-    line_time: float  # of a rolling shutter, seconds
+    source: Path  # for messages
+    frames: bm.Frames[bm.LinearImage]
+    clip: ClipInputs
+    known: KnownQuantities
+    readout: Direction | None  # where the next row of the sensor lies; None: as the file says
+    out: Path | None
+    unfinished: Path | None
 
-    def places(
-        self,
-        frames: bm.Frames[bm.LinearImage],
-        plate: bm.LinearImage,
-        rows: Sequence[bm.motion.FrameMotion],
-        model: bm.ColorModel,
-        workers: bm.Workers,
-    ) -> Places:
-        """Where it was in space in each row."""
-        fits = bm.motion.fit_balls(
-            frames, plate, rows, model, self.lens, *self.radius, workers=workers
-        )
-        balls = list(with_progress(fits, "fitting the ball in space", len(rows)))
-        return bm.motion.places_in_space(
-            rows, self.lens, *self.radius, balls=balls, line_time=self.line_time
-        )
-
-    def moved(
-        self, ball: bm.motion.BallPlace | None, seen: bm.motion.Sighting | None
-    ) -> tuple[float, float] | None:
-        """Path length within the exposure and its error, meters; of a disc parallel to the picture."""
-        from blurmatte.motion.clip.speed import path_length_in_space
-
-        return path_length_in_space(ball, seen, self.lens)
-
-
-@dataclass(frozen=True)
-class ClipTask:
-    """What is measured in the frames of a clip."""
-
-    source: Path  # the clip, for messages
-    color: str | None  # HEX, FILE.json or any; None: found in some of the frames
-    several: bool  # whether all objects of the color are followed
-    min_frames: int  # of these objects: in how many frames each is seen at least
-    rate: float | None  # frames per second, if the clip does not say
-    workers: int | None  # number of processes; None: one for each core
-    out: Path | None  # the table; finished frames are kept next to it
-    inputs: tuple[Path, ...]  # files whose contents must be equal to resume
-    settings: dict[str, Any]  # of the reading, which must be equal too
-    ball: KnownBall | None = None
-    # Where the next row of the sensor lies; None: as the file says
-    readout: Direction | None = None
-    by_size: bool = False  # whether the scale follows from the radius in pixels
-
-    @property
-    def unfinished(self) -> Path | None:
-        """Where finished frames are kept until the table is whole."""
-        return None if self.out is None else self.out.with_name(f"{self.out.name}.unfinished")
+    def measured(
+        self, processes: int | None, files: tuple[Path, ...], settings: dict[str, Any]
+    ) -> tuple[ClipMeasured, Places | None, KnownQuantities]:
+        """The object in each frame and in space, and all that is known then."""
+        frames, known, count = self.frames, self.known, processes
+        if count is None:
+            parallel = len(frames) >= _MIN_FRAMES_TO_PARALLELIZE
+            count = (os.cpu_count() or 1) if parallel else 1
+        return_freed_memory()
+        # Processes start while the plate is made.
+        with (
+            self._recorded(files, settings) as (old, record),
+            about(self.source),
+            bm.Workers(max(min(count, len(frames)), 1)) as workers,
+            waiting("reading the clip"),
+        ):
+            frames = frames.for_plate(self.clip.plate)
+            for event in measured(replace(self.clip, frames=frames, finished=old), workers):
+                if isinstance(event, FrameSightings):
+                    record(event)
+                else:
+                    found = event if self.readout is None else event.read_out(self.readout)
+            places = balls_in_space(known, frames, found.plate, found.rows, found.color, workers)
+        if frames.curve_assumed and known.radius is not None:
+            with waiting("comparing transfer curves"):
+                spread = radius_spread(frames, found.plate, found.rows, frames.frame_numbers)
+                known = replace(known, radius_std=spread)
+        return found, places, replace(known, place_std=frames.place_std)
 
     @contextmanager
-    def recorded(self) -> Iterator[tuple[list[bm.motion.FrameSightings], Record]]:
-        """What an interrupted run with the same inputs and settings has measured; what records more."""
-        from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
-
+    def _recorded(
+        self, files: tuple[Path, ...], settings: dict[str, Any]
+    ) -> Iterator[tuple[list[FrameSightings], Callable[[FrameSightings], None]]]:
+        """What an interrupted run with the same inputs and settings measured; what records more."""
         opened: AbstractContextManager[Manifest[Finished]] = nullcontext(Manifest())
         if self.unfinished is not None:
-            same = {"color": self.color, "several": self.several, "rate": self.rate}
-            key = key_of(self.inputs, same | self.settings)
-            opened = opened_manifest(self.unfinished, key, Finished)
+            opened = opened_manifest(self.unfinished, key_of(files, settings), Finished)
         with opened as manifest:
             seen = [one.seen for one in manifest.finished if one.seen is not None]
             try:
@@ -95,89 +84,59 @@ class ClipTask:
                     complain(f"{self.unfinished}: keeps the finished frames; run the same again")
                 raise
 
-
-@dataclass(frozen=True, eq=False)
-class ClipMeasurement:
-    """What the frames show: the plate, the object's color, where it was, and in space if asked.
-
-    `place_std` is the error in x and y that all places share, pixels; `radius_std` that of all radii by
-    a transfer curve that is not known, relative.
-    """
-
-    plate: bm.LinearImage
-    model: bm.ColorModel
-    rows: list[bm.motion.FrameMotion]
-    places: Places | None
-    place_std: tuple[float, float]
-    radius_std: float = 0.0
-
-
-def measure_frames(
-    task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
-) -> ClipMeasurement:
-    """The object in each frame; the plate is made of them if none is given."""
-    from blurmatte.motion.clip.color import color_in_scene, seen_color
-    from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
-    from blurmatte.motion.clip.scene import clip_plate
-    from blurmatte.motion.clip.transfer_spread import radius_spread
-    from blurmatte.motion.clip.workers import return_freed_memory
-
-    model, count = _given_color(task.color), task.workers
-    if count is None:
-        count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
-    return_freed_memory()
-    # Processes start while the plate is made.
-    with (
-        task.recorded() as (old, record),
-        about(task.source),
-        bm.Workers(max(min(count, len(frames)), 1)) as workers,
-    ):
-        frames = frames.for_plate(plate)
-        if plate is None:
-            with waiting("making the plate"):
-                plate = clip_plate(frames)
-        scene = scene_of(frames, plate, model)
-        if model is None:
-            with waiting("finding the color"):
-                model = color_in_scene(frames, scene, workers)
-        seen = sightings_in_scene(
-            frames,
-            scene,
-            model,
-            workers,
-            several=task.several,
-            numbers=frames.frame_numbers,
-            rate=task.rate,
-            skip=len(old),
-        )
-        new = with_progress(seen, "measuring", len(frames) - len(old))
-        kept = _kept(old, new, record)
-        rows = (
-            bm.motion.link_objects(kept, task.min_frames)
-            if task.several
-            else bm.motion.link_sightings(kept)
-        )
-        if task.readout is not None:
-            rows = [_read_out(row, task.readout) for row in rows]
-        places = None
-        if task.ball is not None:
-            places = task.ball.places(frames, plate, rows, model, workers)
-    spread = 0.0
-    if frames.curve_assumed and task.by_size:
-        with waiting("comparing transfer curves"):
-            spread = radius_spread(frames, plate, rows, frames.frame_numbers)
-    if model.rank < 3 or not task.several:  # else objects may have different colors
-        model = seen_color(model, rows)
-    return ClipMeasurement(plate, model, rows, places, frames.place_std, spread)
+    def answer(
+        self,
+        found: tuple[ClipMeasured, Places | None, KnownQuantities],
+        overlay: Path | None,
+        as_json: bool,
+    ) -> None:
+        """Write the table and the sheet, and print their contents."""
+        clip, places, known = found
+        rows, several = clip.rows, clip.clip.several
+        with about(self.source):
+            objects = summaries(rows, places, several, known)
+        said = clip_in_words(rows, in_degrees(clip.seen_color), several)
+        said += Cadence.stated(rows).words
+        said += [word for one in objects for word in summary_in_words(one, several)]
+        lines = clip_table(rows, places, objects, known)
+        if self.out is not None:
+            bm.write(self.out, lines)
+        if overlay is not None:
+            with waiting("drawing the paths"):
+                physics = bm.figures.ClipPhysics.of(lines, objects, places)
+                sheet = bm.figures.draw_clip(clip.plate, rows, said, physics, self.source.name)
+                bm.write(overlay, sheet)
+        if self.unfinished is not None:
+            remove_unfinished(self.unfinished)
+        falls = [None if one.fall is None else one.fall.numbers() for one in objects]
+        of_falls: dict[str, Any] = {"falls": falls} if several else {"fall": falls[0]}
+        answer(as_json, {"rows": lines, **of_falls, "in_words": said}, said)
 
 
-def remove_unfinished(task: ClipTask) -> None:
+def remove_unfinished(path: Path) -> None:
     """Remove the kept frames; the table is written."""
-    if task.unfinished is not None:
-        task.unfinished.unlink(missing_ok=True)
+    path.unlink(missing_ok=True)
 
 
-def _given_color(text: str | None) -> bm.ColorModel | None:
+def check_times(known: KnownQuantities, rate: float | None, rows: int) -> None:
+    """Raise ValueError if exposure or readout takes longer than a frame."""
+    if rate is None:
+        return
+    line_time, exposure = known.line_time, known.exposure
+    if line_time * rows * rate > MAX_READOUT:
+        raise ValueError(
+            "give --line-time with its unit, like 15us, or the true --rate: "
+            f"{line_time:g} s are {line_time * rows:.3g} s for {rows} rows, longer than a frame, "
+            f"{1 / rate:.3g} s"
+        )
+    if exposure is not None and exposure[0] * rate > MAX_READOUT:
+        raise ValueError(
+            "give --exposure with its unit, like 4ms, or the true --rate: "
+            f"{exposure[0]:g} s is longer than a frame, {1 / rate:.3g} s"
+        )
+
+
+def given_color(text: str | None) -> bm.ColorModel | None:
     """The color model of --color; None: it is to be found."""
     if text is None:
         return None
@@ -186,23 +145,3 @@ def _given_color(text: str | None) -> bm.ColorModel | None:
     if text == "any":
         return bm.ColorModel.any()
     return bm.ColorModel.from_hex(text)
-
-
-def _read_out(row: bm.motion.FrameMotion, readout: Direction) -> bm.motion.FrameMotion:
-    """The row of a camera whose next row lies in this direction."""
-    if row.sighting is None:
-        return row
-    return replace(
-        row,
-        sighting=replace(row.sighting, measured=replace(row.sighting.measured, readout=readout)),
-    )
-
-
-def _kept(
-    old: Sequence[bm.motion.FrameSightings], new: Iterator[bm.motion.FrameSightings], record: Record
-) -> Iterator[bm.motion.FrameSightings]:
-    """All frames; each new one is recorded at once."""
-    yield from old
-    for frame in new:
-        record(frame)
-        yield frame

@@ -1,4 +1,7 @@
-"""What `solve` does with a row of pictures: which are done, the table, and the answer."""
+"""What `solve` does with a row of pictures: which are done, the table, and the answer.
+
+All of the library is imported here, and this module only when the command runs.
+"""
 
 from __future__ import annotations
 
@@ -8,17 +11,16 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import typer
 
 import blurmatte as bm
 from blurmatte.cli.console import ExitCode, complain, say, say_json, with_progress
 from blurmatte.cli.output_checks import check_outputs
-
-if TYPE_CHECKING:  # imports all of the library
-    from blurmatte.clips.manifest import FinishedPicture, Manifest
-    from blurmatte.clips.table import PictureRecord
+from blurmatte.clips.manifest import NAME, FinishedPicture, Manifest, key_of, opened_manifest
+from blurmatte.clips.table import PictureRecord
+from blurmatte.results import RESULT_FILES
 
 TABLE = "pictures.csv"
 _MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have started
@@ -54,9 +56,6 @@ class PictureRow:
     settings: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        from blurmatte.clips.manifest import NAME
-        from blurmatte.results import RESULT_FILES
-
         written = [folder / name for _, folder in self.pairs for name in RESULT_FILES]
         of_row = (self.out / TABLE, self.out / NAME) if self.several else ()
         check_outputs(*written, *of_row)
@@ -68,14 +67,6 @@ class PictureRow:
 
     def opened(self) -> AbstractContextManager[Manifest[FinishedPicture]]:
         """The manifest."""
-        from blurmatte.clips.manifest import (
-            NAME,
-            FinishedPicture,
-            Manifest,
-            key_of,
-            opened_manifest,
-        )
-
         if not self.several:
             return nullcontext(Manifest[FinishedPicture]())
         key = key_of(self.files, self.settings)
@@ -83,8 +74,6 @@ class PictureRow:
 
     def done(self, manifest: Manifest[FinishedPicture]) -> dict[Path, PictureRecord]:
         """The pictures that were solved before and whose results are all there."""
-        from blurmatte.results import RESULT_FILES
-
         known = {one.key: one.record for one in manifest.finished}
         return {
             path: replace(known[_key(path)], picture=_text(path), folder=_text(folder.name))
@@ -101,8 +90,6 @@ def solve_row(
     as_json: bool,
 ) -> None:
     """Solve the pictures that are not done, each into its folder, and say what came of all."""
-    from blurmatte.clips.manifest import FinishedPicture
-
     records: list[PictureRecord] = []
     lower = 0
     with row.opened() as manifest:
@@ -136,8 +123,6 @@ def solve_row(
 
 def refusal(path: Path, error: bm.BlurmatteError) -> PrintedAnswer:
     """The answer of a picture that cannot be solved."""
-    from blurmatte.clips.table import PictureRecord
-
     return PrintedAnswer([], PictureRecord(_text(path), reason=_text(error)))
 
 
@@ -145,8 +130,6 @@ def solved_picture(
     path: Path, folder: Path, solution: bm.Solution, lines: list[str]
 ) -> PrintedAnswer:
     """The answer of a picture that is solved, and whose results are written."""
-    from blurmatte.clips.table import PictureRecord
-
     record = PictureRecord.of(solution)
     return PrintedAnswer(lines, replace(record, picture=_text(path), folder=_text(folder.name)))
 
@@ -161,8 +144,6 @@ def _summary(count: int, done: int, refused: int) -> str:
 
 def _key(path: Path) -> str:
     """Hash of the content of a picture; "" if it is no file."""
-    from blurmatte.clips.manifest import key_of
-
     return key_of([path], {}) if path.is_file() else ""
 
 

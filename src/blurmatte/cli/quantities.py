@@ -251,14 +251,6 @@ class ScaleOptions(BallSize):
         size = self.true_radius
         return self.constant if size is None else bm.Scale.from_radius(motion, *size)
 
-    def of_radius(self, pixels: float, std: float) -> bm.Scale | None:
-        """Meters per pixel of an object with this radius and its error in pixels."""
-        size = self.true_radius
-        if size is None:
-            return self.constant
-        true, true_std = size
-        return bm.Scale(true / pixels, true / pixels * math.hypot(true_std / true, std / pixels))
-
 
 def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
     """Check that it may be the camera of pictures of a size.

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
@@ -33,7 +33,6 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.output_checks import check_file, check_folder
-from blurmatte.cli.picture_rows import PictureRow, PrintedAnswer, refusal, solve_row, solved_picture
 from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
@@ -46,6 +45,9 @@ from blurmatte.cli.selection import (
     kind_of_color,
     matching_of,
 )
+
+if TYPE_CHECKING:
+    from blurmatte.cli.picture_rows import PrintedAnswer
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +96,8 @@ def solve(
         selection, method = Selection(reading, colors, region), _clip_solver(solver, colors)
         solve_clip(images, plate, out, selection, clip, occluder, method, required, as_json)
         return
+    from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
+
     if plate.plate is None:
         raise ValueError(
             "a single picture needs --plate, the same scene without the object: photograph it, or take "
@@ -126,6 +130,8 @@ class _OneOfRow:
     verbosity: Verbosity
 
     def __call__(self, path: Path, folder: Path) -> PrintedAnswer:
+        from blurmatte.cli.picture_rows import refusal, solved_picture
+
         try:
             if verbosity() == self.verbosity:  # this process: its progress is shown
                 lines, solution = _solve_one(self.task, path, folder)

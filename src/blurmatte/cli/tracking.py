@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.clip_table import Gravity, KnownQuantities, drawn, summaries, table, words
-from blurmatte.cli.clips import (
-    ClipMeasurement,
-    ClipTask,
-    KnownBall,
-    measure_frames,
-    remove_unfinished,
+from blurmatte.cli.console import (
+    about,
+    flag,
+    option,
+    output,
 )
-from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import (
     SIZE,
@@ -30,6 +27,9 @@ from blurmatte.cli.quantities import (
 )
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading
+
+if TYPE_CHECKING:
+    from blurmatte.motion.clip.summary import KnownQuantities
 
 RUN = "The run"
 
@@ -107,7 +107,7 @@ class Physics(ScaleOptions):
         return 0.0 if self.line_time is None else time_of_line("--line-time", self.line_time)
 
     @property
-    def gravity_vector(self) -> Gravity | None:
+    def gravity_vector(self) -> tuple[float | list[float], float] | None:
         """A number (down; in space its size) or a vector, m/s², and the error of its size."""
         if self.gravity is None:
             return None
@@ -125,11 +125,18 @@ class Physics(ScaleOptions):
         return (vector if len(vector) > 1 else vector[0]), std
 
     @property
-    def ball(self) -> KnownBall | None:
-        """The ball in space, if the camera is known."""
-        if self.camera is None or self.true_radius is None:
-            return None
-        return KnownBall(bm.read_intrinsics(self.camera), self.true_radius, self.line_seconds)
+    def known(self) -> KnownQuantities:
+        """All of it but errors that the frames share."""
+        from blurmatte.motion.clip.summary import KnownQuantities  # imports all of the library
+
+        return KnownQuantities(
+            self.constant,
+            self.true_radius,
+            None if self.camera is None else bm.read_intrinsics(self.camera),
+            self.gravity_vector,
+            self.exposure_seconds,
+            self.line_seconds,
+        )
 
 
 @command(
@@ -154,91 +161,29 @@ def track(
     """Track the object through CLIP: place, speed and size per frame."""
     check_file(out, "a table", *_TABLES)
     check_file(overlay, "a sheet", *SHEET)
-    source, ball = Path(clip[0]), physics.ball
-    task = ClipTask(
-        source,
-        followed.color,
-        followed.several,
-        3 if followed.least is None else followed.least,
-        chosen.rate,
-        run.workers,
-        out,
-        given_files(clip, plate, followed.color, reading.transfer),
-        {"frames": chosen.frames, "transfer": reading.transfer},
-        ball,
-        direction("--readout", physics.readout),
-        physics.true_radius is not None,
-    )
-    check_outputs(out, overlay, task.unfinished)
-    frames = _frames(clip, chosen, reading, physics)
-    given = None if plate is None else reading.read(plate)
-    measured = measure_frames(task, frames, given)
-    _answer(task, measured, physics, overlay, as_json)
+    from blurmatte.cli.clips import Tracking, check_times, given_color  # imports all of the library
+    from blurmatte.motion.clip.steps import ClipInputs
 
-
-def _frames(
-    clip: list[str], chosen: FrameSelection, reading: Reading, physics: Physics
-) -> bm.Frames[bm.LinearImage]:
-    """The frames to measure, after a check of their times and the camera."""
-    with about(Path(clip[0])):
+    source, known = Path(clip[0]), physics.known
+    readout = direction("--readout", physics.readout)
+    files = given_files(clip, plate, followed.color, reading.transfer)
+    settings = {"color": followed.color, "several": followed.several, "rate": chosen.rate}
+    settings |= {"frames": chosen.frames, "transfer": reading.transfer}
+    unfinished = None if out is None else out.with_name(f"{out.name}.unfinished")
+    check_outputs(out, overlay, unfinished)
+    with about(source):
         frames = reading.frames(clip, chosen.frames)
         # A sensor has no fewer rows than the shorter side of its picture has pixels.
-        _check_times(physics, chosen.rate or frames.rate, min(frames.size))
-        if physics.ball is not None:
-            check_camera(physics.ball.lens, frames.size)
-    return frames
-
-
-def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
-    """Raise ValueError if exposure or readout takes longer than a frame."""
-    from blurmatte.motion.picture.motion import MAX_READOUT  # imports all of the library
-
-    if rate is None:
-        return
-    line_time, exposure = physics.line_seconds, physics.exposure_seconds
-    if line_time * rows * rate > MAX_READOUT:
-        raise ValueError(
-            "give --line-time with its unit, like 15us, or the true --rate: "
-            f"{line_time:g} s are {line_time * rows:.3g} s for {rows} rows, longer than a frame, "
-            f"{1 / rate:.3g} s"
-        )
-    if exposure is not None and exposure[0] * rate > MAX_READOUT:
-        raise ValueError(
-            "give --exposure with its unit, like 4ms, or the true --rate: "
-            f"{exposure[0]:g} s is longer than a frame, {1 / rate:.3g} s"
-        )
-
-
-def _answer(
-    task: ClipTask, measured: ClipMeasurement, physics: Physics, overlay: Path | None, as_json: bool
-) -> None:
-    """Write the table and the sheet, and print their contents."""
-    from blurmatte.motion.clip.cadence import Cadence
-
-    rows, places = measured.rows, measured.places
-    known = KnownQuantities(
-        physics.of_radius,
-        physics.true_radius is not None,
-        None if task.ball is None else task.ball.moved,
-        physics.gravity_vector,
-        physics.exposure_seconds,
-        physics.line_seconds,
-        measured.place_std,
-        measured.radius_std,
+        check_times(known, chosen.rate or frames.rate, min(frames.size))
+        if known.lens is not None:
+            check_camera(known.lens, frames.size)
+    inputs = ClipInputs(
+        frames,
+        None if plate is None else reading.read(plate),
+        given_color(followed.color),
+        followed.several,
+        rate=chosen.rate,
+        min_frames=followed.least or 3,
     )
-    with about(task.source):
-        found = summaries(rows, places, task.several, known)
-    said = words(rows, in_degrees(measured.model), task.several)
-    said += Cadence.stated(rows).words
-    said += [word for one in found for word in one.words]
-    lines = table(rows, places, found, known)
-    if task.out is not None:
-        bm.write(task.out, lines)
-    if overlay is not None:
-        with waiting("drawing the paths"):
-            physical, name = drawn(lines, found, places), task.source.name
-            bm.write(overlay, bm.figures.draw_clip(measured.plate, rows, said, physical, name))
-    remove_unfinished(task)
-    falls = [None if one.fall is None else one.fall.numbers() for one in found]
-    of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}
-    answer(as_json, {"rows": lines, **of_falls, "in_words": said}, said)
+    task = Tracking(source, frames, inputs, known, readout, out, unfinished)
+    task.answer(task.measured(run.workers, files, settings), overlay, as_json)

@@ -47,11 +47,13 @@ class LayerWriter:
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> FrameRecord:
         """Solve a frame, given alone, write its layer, and return its record."""
-        row = wanted.row
+        row, (frame, number) = wanted.row, wanted.row.place
         solution = self.solver(frames, wanted)
         if isinstance(solution, str):
-            return FrameRecord(row.frame, row.time, row.object or 1, self.shot, reason=solution)
-        name = layer_name(row.frame, row.object or 1, self.extension, self.several)
+            return FrameRecord(frame, row.time, number, self.shot, reason=solution)
+        name = layer_name(frame, number, self.extension, self.several)
+        if self.several:
+            (self.folder / name).parent.mkdir(exist_ok=True)
         write(self.folder / name, solution if self.complete else solution.layer)
         return FrameRecord.of(row, self.shot, solution, name)
 

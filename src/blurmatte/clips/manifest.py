@@ -25,7 +25,8 @@ from pydantic import PlainValidator
 from blurmatte.clips.table import FrameRecord, PictureRecord
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_json
-from blurmatte.motion import FrameSightings, Motion, Sighting
+from blurmatte.motion.clip.detections import FrameSightings, Sighting
+from blurmatte.motion.picture.motion import Motion
 from blurmatte.trajectory import Trajectory
 
 NAME = "manifest.jsonl"

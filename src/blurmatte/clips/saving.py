@@ -6,6 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,6 @@ from blurmatte.clips.layers import (
     write_movie,
 )
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
-from blurmatte.clips.shots import Given, SolvableShot, prepared, shots_of
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
@@ -31,6 +31,7 @@ from blurmatte.matting.case import Solver
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.solving import check_clip_solver
+from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, shots_of, solved
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
@@ -263,55 +264,44 @@ def _shot(
         for record in (one.layer for one in finished)
         if record is not None and (not record.layer or (folder / record.layer).exists())
     }
-    given = Given(run.plate, run.model, run.several, run.occluder, run.rate, run.solver)
-    steps = prepared(number, shot, run.frames, given, seen, done, workers)
-    ready: SolvableShot | None = None
-    for step in steps:
-        if isinstance(step, SolvableShot):
-            ready = step
+    clip = ClipInputs(
+        *(run.frames[shot.start : shot.stop], run.plate, run.model),
+        *(run.several, run.occluder, run.rate),
+        any_color=True,
+        finished=seen,
+        written=done,
+    )
+    for event in measured(clip, workers):
+        if isinstance(event, ClipMeasured):
+            found = event
         else:
-            work.manifest.append(Finished(number, seen=step))
-            yield step
-    assert ready is not None
+            work.manifest.append(Finished(number, seen=event))
+            yield event
     before = max((row.track or 0 for row in work.rows), default=0)
-    work.rows += [replace(row, track=row.track and row.track + before) for row in ready.rows]
-    work.plates.append(ready.plate)
-    if ready.solver is not None:
-        writer = LayerWriter(
-            *(ready.solver, folder.absolute(), number),
-            *(run.file_extension, run.several, run.complete),
-        )
-        yield from _solved(writer, ready, done, work, workers)
-    empty = [
-        FrameRecord(row.frame, row.time, 1, number, reason=row.reason)
-        for row in ready.rows
-        if row.sighting is None and row.something_moved and (row.frame, 1) not in done
-    ]
-    work.records += sorted([*done.values(), *empty], key=lambda one: (one.frame, one.object))
-
-
-def _solved(
-    writer: LayerWriter,
-    shot: SolvableShot,
-    done: dict[tuple[int, int], FrameRecord],
-    work: _Work,
-    workers: Workers,
-) -> Iterator[FrameRecord]:
-    """Records of the frames of a shot that are not done, in order; they are added to `done`."""
-    rest = [one for one in shot.wanted if (one.row.frame, one.row.object or 1) not in done]
-    if writer.several:
-        for number in {one.row.object or 1 for one in rest}:
-            (writer.folder / f"object{number}").mkdir(exist_ok=True)
-    parts = ((slice(one.index, one.index + 1), one) for one in rest)
-    outcomes = workers.over(shot.frames, writer, parts)
-    for one, outcome in zip(rest, outcomes, strict=True):
+    work.rows += [replace(row, track=row.track and row.track + before) for row in found.rows]
+    work.plates.append(found.plate)
+    writer = partial(
+        LayerWriter,
+        folder=folder.absolute(),
+        shot=number,
+        extension=run.file_extension,
+        several=run.several,
+        complete=run.complete,
+    )
+    for wanted, outcome in solved(found, workers, run.solver, writer):
         if isinstance(outcome, Failure):
-            work.problems.append(f"frame {one.row.frame}: {outcome.error}")
+            work.problems.append(f"frame {wanted.row.frame}: {outcome.error}")
             continue
-        work.manifest.append(Finished(shot.number, layer=outcome))
+        work.manifest.append(Finished(number, layer=outcome))
         done[outcome.frame, outcome.object] = outcome
         work.new += 1
         yield outcome
+    empty = [
+        FrameRecord(row.frame, row.time, 1, number, reason=row.reason)
+        for row in found.rows
+        if row.sighting is None and row.something_moved and row.place not in done
+    ]
+    work.records += sorted([*done.values(), *empty], key=lambda one: (one.frame, one.object))
 
 
 def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:

@@ -10,9 +10,10 @@ from typing import Any
 
 from blurmatte.checks import Box
 from blurmatte.errors import MotionError
-from blurmatte.matting import Solution
-from blurmatte.motion import FrameMotion, measure_motion
+from blurmatte.matting.solution import Solution
+from blurmatte.motion.clip.detections import FrameMotion
 from blurmatte.motion.columns import Column, numbers_of
+from blurmatte.motion.picture.measure import measure_motion
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,7 @@
 """The sheet of a clip: paths of objects over the plate; places, speeds and sizes over time."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -29,6 +31,7 @@ from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace
+from blurmatte.motion.clip.summary import ObjectSummary
 from blurmatte.motion.picture.motion import Motion, Scale
 from blurmatte.radiometry import LinearImage
 
@@ -71,6 +74,25 @@ class ClipPhysics:
     falls: Mapping[int, FreeFall] = field(default_factory=dict)
     speeds: Sequence[tuple[float, float] | None] | None = None
     places: Sequence[BallPlace | None] | None = None
+
+    @classmethod
+    def of(
+        cls,
+        lines: Sequence[Mapping[str, Any]],
+        found: Sequence[ObjectSummary],
+        places: Sequence[BallPlace | None] | None,
+    ) -> ClipPhysics:
+        """From the rows of `clip_table`, the summary of each object, and the places in space."""
+        metric = any(line["speed_unit"] == "m/s" for line in lines)
+        speeds = [
+            None if one["speed"] is None else (one["speed"], one["speed_std"]) for one in lines
+        ]
+        return cls(
+            {one.number: one.scale for one in found if one.scale is not None},
+            {one.number: one.fall for one in found if one.fall is not None},
+            speeds if metric else None,
+            places,
+        )
 
 
 def draw_clip(

@@ -42,10 +42,7 @@ _MAX_GAIN_CHANGE = 0.005  # of one frame: smaller ones are noise of the median
 class FrameChange:
     """What moved in one frame."""
 
-    number: int  # of the frame
-    time: float | None  # seconds
     boxes: tuple[Box, ...]  # around each part that moved, with a margin; they do not overlap
-    fraction: float  # of the picture, that differs from the plate
     gain: float  # of the frame's code values over those of the plate
 
 
@@ -117,7 +114,7 @@ class Gate:
             moved |= np.abs(sums) > self.block_reach[c]
         moved |= counts >= _MIN_CELLS
         boxes = _boxes(moved, CELL * block, self.size)
-        return FrameChange(frame.number, frame.time, boxes, float(moved.mean()), gain)
+        return FrameChange(boxes, gain)
 
 
 def _padded(planes: Planes) -> Planes:

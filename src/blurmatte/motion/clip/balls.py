@@ -13,6 +13,9 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
 from blurmatte.motion.clip.frames import noise_of, plate_in_light_of, with_default_noise
+from blurmatte.motion.clip.positions_3d import places_in_space
+from blurmatte.motion.clip.progress import logged
+from blurmatte.motion.clip.summary import KnownQuantities, Places
 from blurmatte.motion.clip.workers import Workers, shared
 from blurmatte.motion.picture.error_budget import check_with_std
 from blurmatte.motion.space.ball import fit_ball
@@ -84,6 +87,22 @@ def fit_balls(
     with shared(workers) as processes:
         tasks = zip(_each(frames), by_frame, strict=False)
         yield from chain.from_iterable(processes.in_order(fit, tasks))
+
+
+def balls_in_space(
+    known: KnownQuantities,
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    rows: Sequence[FrameMotion],
+    model: ColorModel,
+    workers: Workers,
+) -> Places | None:
+    """Where the ball was in space in each row; None unless its radius and the camera are known."""
+    if known.lens is None or known.radius is None:
+        return None
+    fits = fit_balls(frames, plate, rows, model, known.lens, *known.radius, workers=workers)
+    balls = list(logged(fits, "fitting the ball in space", len(rows)))
+    return places_in_space(rows, known.lens, *known.radius, balls, known.line_time)
 
 
 @dataclass(frozen=True, eq=False)

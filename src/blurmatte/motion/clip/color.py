@@ -86,20 +86,21 @@ def clip_color(
     if len(frames):
         check_not_gray(frames[0], plate)
     with shared(workers) as processes:
-        return color_in_scene(frames, StaticScene.of(frames, plate), processes)
+        scene = survey(frames, StaticScene.of(frames, plate), processes)
+        return color_in_scene(frames, scene, processes)
 
 
 def color_in_scene(
     frames: Sequence[LinearImage], scene: StaticScene, workers: Workers
 ) -> ColorModel:
-    """As `clip_color`."""
+    """As `clip_color`, in a scene whose frames were surveyed."""
     votes: list[Vote] = []
-    busy = [change.number for change in survey(frames, scene, workers) if change.boxes]
+    busy = [k for k, boxes in scene.surveyed.items() if boxes]
     if not busy:
         raise MotionError(f"{NOTHING_MOVED}: all frames agree with the plate; choose other frames")
     for fit, inside, rounds in _TRIALS:
         voter = _Voter(scene, fit, inside)
-        parts = ((slice(k, k + 1),) for k in _spread(busy, rounds))
+        parts = ((slice(k, k + 1), k) for k in _spread(busy, rounds))
         found = successes(workers.over(frames, voter, parts, 1))
         for number, colors in enumerate(found):
             votes += [(one, weight, number) for one, weight in colors]
@@ -196,9 +197,9 @@ class _Voter:
     fit: Callable[..., DiscColors]
     inside: bool
 
-    def __call__(self, frames: Sequence[LinearImage]) -> list[tuple[DiscColors, float]]:
+    def __call__(self, frames: Sequence[LinearImage], index: int) -> list[tuple[DiscColors, float]]:
         (frame,) = coded_frames(frames, slice(None))
-        boxes = self.scene.gate.changes(frame).boxes
+        boxes = self.scene.boxes(frame, index)
         found = [
             (streak, crop) for crop in self.scene.crops(frame, boxes) for streak in _streaks(crop)
         ]

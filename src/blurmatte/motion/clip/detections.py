@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import DIRECTIONS, Array, check_kind
+from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
 from blurmatte.motion.columns import Column, numbers_of
 from blurmatte.motion.picture.motion import Motion
 
@@ -170,9 +170,23 @@ class FrameMotion:
     object: int | None = None
 
     @property
+    def place(self) -> tuple[int, int]:
+        """Number of the frame and of the object, by which rows of all tables are found."""
+        return self.frame, self.object or 1
+
+    @property
     def something_moved(self) -> bool:
         """Whether the frame differs from the plate, by the object or by anything else."""
         return self.sighting is not None or self.reason != NOTHING_MOVED
+
+    def read_out(self, readout: Direction) -> FrameMotion:
+        """The same of a camera whose next row lies in this direction."""
+        seen = self.sighting
+        if seen is None:
+            return self
+        return replace(
+            self, sighting=replace(seen, measured=replace(seen.measured, readout=readout))
+        )
 
     @property
     def stated(self) -> Sighting | None:

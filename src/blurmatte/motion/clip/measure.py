@@ -1,7 +1,7 @@
-"""measure_clip: frames → the motion of an object, or of several, in each of them.
+"""sightings: frames → detections of an object, or of several, in each of them.
 
-`sightings` measures each frame alone, so that frames can be measured in any order, and an interrupted
-clip can be resumed. `link_sightings` joins the detections to tracks.
+Each frame is measured alone, so that frames can be measured in any order, and an interrupted clip can
+be resumed. `link_sightings` joins the detections to tracks.
 """
 
 import warnings
@@ -18,27 +18,22 @@ from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
-from blurmatte.motion.clip.color import clip_color
 from blurmatte.motion.clip.detections import (
     NOTHING_MOVED,
-    FrameMotion,
     FrameSightings,
     Sighting,
 )
-from blurmatte.motion.clip.frames import ClipFrames
-from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import (
     MatchedFilter,
     max_parts,
     min_energy,
     moving_parts,
 )
-from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
+from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import (
-    CodedFrame,
     CodedSequence,
     LinearImage,
     check_picture,
@@ -56,66 +51,6 @@ _NO_COLOR = (
     "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
     "hidden"
 )
-
-
-def measure_clip(
-    frames: Sequence[LinearImage],
-    plate: LinearImage | None = None,
-    model: ColorModel | None = None,
-    *,
-    several: bool = False,
-    rate: float | None = None,
-    workers: int | Workers = 1,
-) -> list[FrameMotion]:
-    """Measure a moving object, or several, in all frames of a clip of a fixed camera.
-
-    All frames share one plate and one color. Streaks of that color are measured in each frame alone
-    (`sightings`), then joined to tracks (`link_sightings`); arms, strings and shadows are ignored. The
-    neighboring frames give the direction of time of each motion.
-
-    Parameters
-    ----------
-    frames : sequence of LinearImage
-        From `read_frames`, or a list.
-    plate : LinearImage, optional
-        The scene without the object; made from up to 60 frames if not given.
-    model : ColorModel, optional
-        Its color; `clip_color` finds it if not given.
-    several : bool
-        Track every object of that color that is visible in three frames or more (`link_objects`),
-        instead of the strongest one. For objects of different colors use `ColorModel.any()`; they must
-        be discs.
-    rate, workers
-        As in `sightings`.
-
-    Returns
-    -------
-    list of FrameMotion
-        One for each frame, including those without a detection; for several objects one for each in
-        the frame.
-
-    Raises
-    ------
-    PlateError
-        If no plate can be made from the frames.
-    ColorModelError
-        If no color was given and no frame determines it.
-    ValueError
-        As in `sightings`.
-    """
-    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
-    numbers = frames.frame_numbers if isinstance(frames, ClipFrames) else None
-    if isinstance(frames, ClipFrames):
-        frames = frames.for_plate(plate)
-    if plate is None:
-        plate = clip_plate(frames)
-    with shared(workers) as processes:
-        if model is None:
-            model = clip_color(frames, plate, processes)
-        seen = sightings(
-            frames, plate, model, several=several, numbers=numbers, rate=rate, workers=processes
-        )
-        return link_objects(seen) if several else link_sightings(seen)
 
 
 def sightings(
@@ -167,8 +102,7 @@ def sightings(
     ValueError
         If a frame and the plate differ in size, or rate or workers are not positive.
     """
-    _check_clip(frames, plate, model, rate)
-    scene = StaticScene.of(frames, plate)
+    scene = scene_of(frames, plate, model, rate=rate)
     with shared(workers) as processes:
         yield from sightings_in_scene(
             frames, scene, model, processes, several=several, numbers=numbers, rate=rate, skip=skip
@@ -213,17 +147,11 @@ def in_colors_of(
 def scene_of(
     frames: Sequence[LinearImage],
     plate: LinearImage,
-    model: ColorModel | None,
+    model: ColorModel,
     hidden: Bools | None = None,
+    rate: float | None = None,
 ) -> StaticScene:
-    """The scene of a clip, whose plate and color model, if there is one, are checked."""
-    _check_clip(frames, plate, ColorModel.any() if model is None else model, None)
-    return StaticScene.of(frames, plate, hidden)
-
-
-def _check_clip(
-    frames: Sequence[LinearImage], plate: LinearImage, model: ColorModel, rate: float | None
-) -> None:
+    """The scene of a clip, after a check of what was given."""
     check_picture("plate", plate)
     check_kind("model", model, ColorModel, "use blurmatte.motion.clip_color(frames, plate)")
     if rate is not None and not (np.isfinite(rate) and rate > 0):
@@ -233,6 +161,7 @@ def _check_clip(
     check_picture("a frame", frames[0])
     check_same_size("a frame", frames[0].size, "plate", plate.size)
     check_not_gray(frames[0], plate)
+    return StaticScene.of(frames, plate, hidden)
 
 
 @dataclass(frozen=True, eq=False)
@@ -255,11 +184,11 @@ class _Detector:
             if frame is None:
                 found.append(FrameSightings(number, time, (), "it cannot be decoded"))
             else:
-                found.append(self._detected(number, time, frame))
+                crops = list(self.scene.crops(frame, self.scene.boxes(frame, index)))
+                found.append(self._detected(number, time, crops))
         return found
 
-    def _detected(self, number: int, time: float | None, frame: CodedFrame) -> FrameSightings:
-        crops = list(self.scene.crops(frame, self.scene.gate.changes(frame).boxes))
+    def _detected(self, number: int, time: float | None, crops: Sequence[Crop]) -> FrameSightings:
         parts = self._parts(crops)
         found, reasons, rest = [], [], deque(parts)
         single = self.color is not None and not self.several

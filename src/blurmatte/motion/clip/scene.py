@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from blurmatte.radiometry import (
 )
 from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
-from blurmatte.streaks import FrameChange, Gate
+from blurmatte.streaks import Gate
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
 GATE_SAMPLES = 16  # frames from which the differences without motion are measured
@@ -65,6 +65,8 @@ class StaticScene:
     coding : CodingErrors, optional
         Of blocks that a codec quantizes anew, as where something moves. Elsewhere frames repeat the
         blocks of the plate, so that the measured noise is less.
+    surveyed : mapping of int to tuple of (x0, y0, x1, y1)
+        Boxes around what moved in the frames that were compared with the plate, by their indices.
     """
 
     plate: LinearImage
@@ -73,6 +75,7 @@ class StaticScene:
     gate: Gate
     hidden: Bools | None = None
     coding: CodingErrors | None = None
+    surveyed: Mapping[int, tuple[Box, ...]] = field(default_factory=dict)
 
     @classmethod
     def of(
@@ -94,6 +97,11 @@ class StaticScene:
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
         return cls(plate, few, noise_of(first), gate, hidden, coding)
+
+    def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
+        """Around each part that moved in the frame with this index."""
+        known = self.surveyed.get(index)
+        return self.gate.changes(frame).boxes if known is None else known
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
         """Image and plate in boxes of a frame."""
@@ -143,13 +151,10 @@ def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
     return plate
 
 
-def survey(
-    frames: Sequence[LinearImage], scene: StaticScene, workers: Workers
-) -> Iterator[FrameChange]:
-    """What moved in each frame of a clip, in order."""
-    found = workers.over(frames, _Survey(scene.gate), parts_of(frames, workers))
-    for changes in successes(found):
-        yield from changes
+def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> StaticScene:
+    """The scene with what moved in each frame of a clip that can be decoded."""
+    found = successes(workers.over(frames, _Survey(scene.gate), parts_of(frames, workers)))
+    return replace(scene, surveyed={k: boxes for part in found for k, boxes in part.items()})
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +163,6 @@ class _Survey:
 
     gate: Gate
 
-    def __call__(self, frames: Sequence[LinearImage], first: int) -> list[FrameChange]:
-        return [
-            replace(self.gate.changes(frame), number=k)
-            for k, frame in enumerate(each_coded(frames), first)
-            if frame is not None
-        ]
+    def __call__(self, frames: Sequence[LinearImage], first: int) -> dict[int, tuple[Box, ...]]:
+        each = enumerate(each_coded(frames), first)
+        return {k: self.gate.changes(frame).boxes for k, frame in each if frame is not None}

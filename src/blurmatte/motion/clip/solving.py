@@ -1,7 +1,4 @@
-"""solve_clip: the frames of a clip → a Solution for each in which the object is.
-
-Each frame is measured alone first; what the frames share is a prior of their solutions then.
-"""
+"""FrameSolver: the solution of one frame of a clip, with what the frames share as a prior."""
 
 from __future__ import annotations
 
@@ -15,22 +12,19 @@ import numpy as np
 from blurmatte.background import Matching
 from blurmatte.checks import Array, Bools, Box, check_kind
 from blurmatte.color.model import ColorModel
-from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError
+from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import solve
-from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.motion.clip.frames import ClipFrames
-from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
-from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
+from blurmatte.motion.clip.measure import in_colors_of
 from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
-from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
-from blurmatte.motion.clip.workers import Workers, shared, successes
+from blurmatte.motion.clip.scene import Crop, StaticScene
+from blurmatte.motion.clip.workers import Workers, successes
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated
@@ -138,15 +132,6 @@ class FrameSolver:
             return str(error)
         return solution.in_picture(crop.box, frame.size)
 
-    def solutions(
-        self, frames: Sequence[LinearImage], wanted: Sequence[Wanted], workers: Workers
-    ) -> Iterator[tuple[int, Solution]]:
-        """Index and solution of each frame of a clip that can be solved."""
-        solutions = successes(workers.over(frames, self, parts_to_solve(wanted)))
-        for one, solution in zip(wanted, solutions, strict=True):
-            if isinstance(solution, Solution):
-                yield one.index, solution
-
     def solved(self, frame: CodedFrame, wanted: Wanted) -> tuple[Crop, Solution]:
         """The crop around the object, and its solution there.
 
@@ -156,7 +141,7 @@ class FrameSolver:
             If the object cannot be separated.
         """
         if wanted.row.sighting is None:
-            return self._solved_alone(frame)
+            return self._solved_alone(frame, wanted.index)
         crop, streak, start, prior = self._prepared(frame, wanted)
         solver = self.solver or (Swept() if wanted.has_shape else None)
         if prior is None:
@@ -172,9 +157,9 @@ class FrameSolver:
         reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
         return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
-    def _solved_alone(self, frame: CodedFrame) -> tuple[Crop, Solution]:
+    def _solved_alone(self, frame: CodedFrame, index: int) -> tuple[Crop, Solution]:
         """The crop around all that moved, and the solution of its likeliest streak."""
-        boxes = np.array(self.scene.gate.changes(frame).boxes)
+        boxes = np.array(self.scene.boxes(frame, index))
         x0, y0 = boxes[:, :2].min(axis=0).tolist()
         x1, y1 = boxes[:, 2:].max(axis=0).tolist()
         (crop,) = self.scene.crops(frame, [(x0, y0, x1, y1)])
@@ -186,7 +171,7 @@ class FrameSolver:
         """The crop around the object; streak, start of the fit and prior in it."""
         sighting, prior = wanted.row.sighting, wanted.prior
         assert sighting is not None
-        boxes = self.scene.gate.changes(frame).boxes
+        boxes = self.scene.boxes(frame, wanted.index)
         (crop,) = self.scene.crops(frame, [_box_of(sighting, boxes, frame.size)])
         if prior is not None:
             prior = prior.shifted(-np.array(crop.box[:2], float))
@@ -263,72 +248,6 @@ class FrameSolver:
         return parts[int(np.argmax(hits))] if any(hits) else None
 
 
-def solve_clip(
-    frames: Sequence[LinearImage],
-    plate: LinearImage | None = None,
-    model: ColorModel | None = None,
-    *,
-    several: bool = False,
-    occluder: Bools | None = None,
-    solver: Solver | None = None,
-    workers: int | Workers = 1,
-) -> Iterator[tuple[int, Solution]]:
-    """Separate a moving object from its background in each frame of a clip of a fixed camera.
-
-    Frames are measured alone first (`sightings`). Then each is solved in a crop around the object;
-    color, path and radius that the other frames predict are a prior. Each process holds one frame.
-
-    Parameters
-    ----------
-    frames : sequence of LinearImage
-        From `read_frames`, or a list.
-    plate : LinearImage, optional
-        The scene without the object; made from up to 60 frames if not given.
-    model : ColorModel, optional
-        Its color; `clip_color` finds it if not given.
-    several : bool
-        Solve every object of that color, as `measure_clip` follows them.
-    occluder : (H, W) bool, optional
-        Where something is in front of the scene in all frames, such as a score board: changes there are
-        no motion. Alpha continues behind it, as in `solve`.
-    solver : Pixelwise, Smooth, Swept or Shaded, optional
-        As in `solve`; of `Shaded` with the object's light, not with a plate in shadow.
-    workers : int or Workers
-        As in `sightings`.
-
-    Yields
-    ------
-    index : int
-        Of the frame, from 0; of several objects in one frame each is yielded.
-    solution : Solution
-        In the whole picture. Frames without the object, and those in which it cannot be separated,
-        are left out.
-
-    Raises
-    ------
-    PlateError, ColorModelError, ValueError
-        As `measure_clip`; ValueError also for a solver with a plate in shadow.
-    """
-    _check(model, solver)
-    if isinstance(frames, ClipFrames):
-        frames = frames.for_plate(plate)
-    plate = clip_plate(frames) if plate is None else plate
-    with shared(workers) as processes:
-        scene, numbers = scene_of(frames, plate, model, occluder), range(len(frames))
-        known = color_or_any(frames, scene, processes) if model is None else model
-        seen = sightings_in_scene(frames, scene, known, processes, several=several, numbers=numbers)
-        rows = link_objects(seen) if several else link_sightings(seen)
-        each = FrameSolver.of(frames, scene, known, solver)
-        found = wanted_frames(frames, rows, each, numbers, processes, model is None)
-        yield from each.solutions(frames, found, processes)
-
-
-def _check(model: ColorModel | None, solver: Solver | None) -> None:
-    """Raise TypeError or ValueError unless `solve_clip` accepts the arguments."""
-    check_clip_solver(solver)
-    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
-
-
 def check_clip_solver(solver: Solver | None) -> None:
     """Raise TypeError or ValueError unless frames of a clip can be solved by it."""
     check_kind("solver", solver, Solver | None, "such as blurmatte.Smooth()")
@@ -338,33 +257,17 @@ def check_clip_solver(solver: Solver | None) -> None:
         )
 
 
-def color_or_any(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> ColorModel:
-    """The color of a clip's object; any, if no shape on a path explains enough of its streaks."""
-    try:
-        return color_in_scene(frames, scene, workers)
-    except ColorModelError:
-        return ColorModel.any()
+def rows_to_solve(rows: Sequence[FrameMotion], color_found: bool) -> list[FrameMotion]:
+    """Rows of the table of a clip with a solution: those of objects, and of frames solved alone.
 
-
-def frames_alone(rows: Sequence[FrameMotion], numbers: Sequence[int]) -> list[Wanted]:
-    """Frames to solve as single pictures: something moved there, but no object was measured.
-
-    Where an object is measured in most of the frames in which anything moved, whatever else moves is
-    not the object, and there are none.
-
-    Parameters
-    ----------
-    rows : sequence of FrameMotion
-        The table of a clip whose color was not given.
-    numbers : sequence of int
-        Of all frames of the clip, as in the table.
+    A frame is solved as a single picture if something moved there, but no object was measured. Where
+    an object is measured in most of the frames in which anything moved, whatever else moves is not the
+    object; nor is it if the color was given.
     """
+    found = [row for row in rows if row.sighting is not None]
     moved = {row.frame for row in rows if row.something_moved}
     rest = [row for row in rows if row.something_moved and row.sighting is None]
-    index_of = {number: index for index, number in enumerate(numbers)}
-    if 2 * len(rest) <= len(moved):
-        return []
-    return [Wanted(index_of[row.frame], row, None) for row in rest]
+    return [*found, *rest] if color_found and 2 * len(rest) > len(moved) else found
 
 
 def parts_to_solve(wanted: Iterable[Wanted]) -> Iterator[tuple[slice, Wanted]]:
@@ -403,25 +306,23 @@ def wanted_frames(
     color_found : bool
         The color was found and not given: frames without the object may be solved alone.
     """
-    wanted, index_of = [], {number: index for index, number in enumerate(numbers)}
-    for number in sorted({row.object or 1 for row in rows if row.sighting is not None}):
-        mine = [row for row in rows if row.sighting is not None and (row.object or 1) == number]
-        if not solver.fits_shapes:
-            wanted += [Wanted(index_of[row.frame], row, None) for row in mine]
-            continue
-        shared_by_all = ClipObject.of(mine, solver.model)
-        found = [
-            Wanted(index_of[row.frame], row, prior)
-            for row, prior in zip(mine, shared_by_all.priors, strict=True)
-        ]
-        used = shared_by_all.path.used
+    index_of = {number: index for index, number in enumerate(numbers)}
+    each = [Wanted(index_of[row.frame], row, None) for row in rows_to_solve(rows, color_found)]
+    wanted = [one for one in each if one.row.sighting is None or not solver.fits_shapes]
+    objects: dict[int, list[Wanted]] = {}
+    if solver.fits_shapes:
+        for one in each:
+            if one.row.sighting is not None:
+                objects.setdefault(one.row.object or 1, []).append(one)
+    for _, mine in sorted(objects.items()):
+        shared_by_all = ClipObject.of([one.row for one in mine], solver.model)
+        priors, used = shared_by_all.priors, shared_by_all.path.used
+        found = [replace(one, prior=prior) for one, prior in zip(mine, priors, strict=True)]
         found = _stretched(frames, found, used, solver, workers)
         known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
         mistake = shared_by_all.mistake_probability
         is_disc, has_shape = _decided(frames, known, mistake, solver, workers)
-        found = [one.shaped(is_disc) for one in found] if has_shape else found
-        wanted += found
-    wanted += frames_alone(rows, numbers) if color_found else []
+        wanted += [one.shaped(is_disc) for one in found] if has_shape else found
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
 
 

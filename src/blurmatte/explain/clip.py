@@ -1,0 +1,115 @@
+"""A clip in sentences: what was found in its frames, of each object, and in space."""
+
+from collections.abc import Sequence
+
+from blurmatte.explain.motion import fall_in_words, scatter_in_words
+from blurmatte.motion.clip.detections import FrameMotion
+from blurmatte.motion.clip.linking import frame_scatter
+from blurmatte.motion.clip.positions_3d import BallPlace
+from blurmatte.motion.clip.speed import median_and_scatter, reliable
+from blurmatte.motion.clip.summary import ObjectSummary
+
+
+def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> list[str]:
+    """Sentences about what was found in the frames; `color` names that of the object."""
+    found = [row.sighting for row in rows if row.sighting is not None]
+    frames, of = len({row.frame for row in rows if row.sighting}), len({row.frame for row in rows})
+    said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
+    if not found:
+        return [said[0], f"{said[1]}."]
+    swept = sum(one.motion.source == "sweep" for one in found)
+    directed = sum(row.directed for row in rows)
+    count = len({row.track for row in rows if row.track is not None})
+    tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
+    doubted = sum(bool(one.motion.doubts) for one in found)
+    how = (
+        f"{swept} measured from a shape on a path, {len(found) - swept} from the moments of alpha; of "
+        f"{directed} the direction of time is known, and {doubted} "
+        f"{'is' if doubted == 1 else 'are'} doubtful."
+    )
+    return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}"]
+
+
+def summary_in_words(one: ObjectSummary, several: bool) -> list[str]:
+    """Sentences about one object, or about one of several."""
+    rows, said = one.rows, list[str]()
+    if several:
+        first, last = rows[0].frame, rows[-1].frame
+        said = [f"Object {one.number}: in {len(rows)} frames, {first} to {last}."]
+    if one.no_scale:
+        return [*said, f"No scale: {one.no_scale}."]
+    found = reliable(rows)
+    if found and one.places is None:
+        middle, spread = median_and_scatter(found)
+        said.append(
+            f"Radius {middle:.2f} px in the middle of all; they vary by {spread / middle:.1%} "
+            "(1.48 times the median of the differences)."
+        )
+    scatter = frame_scatter(rows)
+    said += [] if scatter is None else scatter_in_words(scatter)
+    if one.known.radius_std and one.places is None:
+        said.append(
+            "The clip does not state its transfer curve: between Rec. 709, sRGB and gamma 2.2 the "
+            f"radius varies by {one.known.radius_std:.1%}, which is part of the error of the scale; "
+            "give --transfer."
+        )
+    said += [] if one.places is None else _in_space(rows, one.places)
+    said += [] if one.fall is None else fall_in_words(one.fall)
+    said += [f"No fall to check: {one.no_fall}."] if one.no_fall else []
+    said += [f"Gravity was not used: {one.no_gravity}."] if one.no_gravity else []
+    return said
+
+
+def _in_space(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None]) -> list[str]:
+    """Where the ball was in space, and how fast."""
+    found = sum(row.sighting is not None for row in rows)
+    balls = [ball for ball in places if ball is not None]
+    reliable = [ball for ball in balls if not ball.doubted]
+    said = [f"In space in {len(balls)} of {found} frames: {_sources(balls)}."]
+    if not reliable:
+        return said
+    first, last = (
+        f"({', '.join(f'{value:.4g}' for value in ball.place)}) m"
+        for ball in (reliable[0], reliable[-1])
+    )
+    axes = "x is right, y down, z forward from the camera."
+    return [*said, f"From {first} to {last}; {axes} {_errors(reliable)}", _speeds(reliable)]
+
+
+def _sources(balls: Sequence[BallPlace]) -> str:
+    """What places were measured from."""
+    fitted = sum(ball.source == "ball" for ball in balls)
+    discs = sum(ball.source == "sweep" for ball in balls)
+    moments, doubted = len(balls) - fitted - discs, sum(ball.doubted for ball in balls)
+    said = [f"{fitted} by a ball that was fitted to the picture"]
+    if discs:
+        said.append(f"{discs} by a disc")
+    if moments:
+        said.append(f"{moments} by moments of alpha, whose errors ignore shading and codec")
+    if doubted:
+        said.append(f"the {doubted} in doubt are not used any further")
+    return ", ".join(said)
+
+
+def _errors(balls: Sequence[BallPlace]) -> str:
+    """The error of the distance and its sources."""
+    shapes = [ball for ball in balls if ball.source != "moments"]
+    if not shapes:
+        return "The error of the distance is not known from moments of alpha."
+    picture = max(float(ball.picture_covariance[2, 2]) ** 0.5 / ball.distance for ball in shapes)
+    shared = max(ball.shared for ball in balls)
+    single = f"Single pictures give the distance to {picture:.2%} or better"
+    if shared == 0:
+        return f"{single}; the errors of radius and camera, which all share, were not given."
+    return f"{single}, radius and camera all of them to {shared:.1%}."
+
+
+def _speeds(balls: Sequence[BallPlace]) -> str:
+    fast = sorted((b for b in balls if b.velocity is not None), key=lambda ball: ball.speed)
+    if not fast:
+        return (
+            "How fast in space is not known: that needs three frames of a track, and their times "
+            "(--rate, for pictures)."
+        )
+    low, high = (f"{ball.speed:.3g} ± {ball.speed_std:.2g} m/s" for ball in (fast[0], fast[-1]))
+    return f"Its speed in space, from frame to frame, was between {low} and {high}."

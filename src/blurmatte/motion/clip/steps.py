@@ -1,0 +1,342 @@
+"""The steps from the frames of a clip to the motion of its object, and to a solution for each frame.
+
+`measured` and `solved` are the only way through a clip: `measure_clip`, `solve_clip`, `save_clip` and
+the command `track` differ in what they do with the results. Stages, and how far they are, are logged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from blurmatte.background import Shot, find_shots, thumbnail
+from blurmatte.background.shots import Thumbnail
+from blurmatte.checks import Bools, Direction, check_kind
+from blurmatte.color.model import ColorModel
+from blurmatte.errors import ColorModelError
+from blurmatte.matting.case import Solver
+from blurmatte.matting.solution import Solution
+from blurmatte.motion.clip.color import color_in_scene, seen_color
+from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
+from blurmatte.motion.clip.frames import ClipFrames
+from blurmatte.motion.clip.linking import link_objects, link_sightings
+from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
+from blurmatte.motion.clip.progress import LOG, logged
+from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
+from blurmatte.motion.clip.solving import (
+    FrameSolver,
+    Wanted,
+    check_clip_solver,
+    parts_to_solve,
+    rows_to_solve,
+    wanted_frames,
+)
+from blurmatte.motion.clip.workers import Failure, Workers, parts_of, shared, successes
+from blurmatte.radiometry import LinearImage, coded_frames, each_coded
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, eq=False)
+class ClipInputs:
+    """Frames of a fixed camera, and what is known of them.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+    plate : LinearImage, optional
+        The scene without the object; made from up to 60 frames if not given.
+    model : ColorModel, optional
+        Of the object; found if not given.
+    several : bool
+        Follow every object of that color that is visible in `min_frames` frames or more.
+    hidden : (H, W) bool, optional
+        Where something is in front of the scene.
+    rate : float, optional
+        Frames per second; replaces the times of the frames.
+    min_frames : int
+    any_color : bool
+        If no color is found, the object may have any.
+    finished : sequence of FrameSightings
+        Of the first frames, which are not measured again.
+    written : container of (int, int), optional
+        Numbers of frame and object of solutions that exist. If those are all, neither the color nor
+        what the frames share is found again.
+    """
+
+    frames: Sequence[LinearImage]
+    plate: LinearImage | None = None
+    model: ColorModel | None = None
+    several: bool = False
+    hidden: Bools | None = None
+    rate: float | None = None
+    min_frames: int = 3
+    any_color: bool = False
+    finished: Sequence[FrameSightings] = ()
+    written: Container[tuple[int, int]] | None = None
+
+    def __post_init__(self) -> None:
+        kind, remedy = ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")'
+        check_kind("model", self.model, kind, remedy)
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Of the frames."""
+        frames = self.frames
+        return frames.frame_numbers if isinstance(frames, ClipFrames) else range(len(frames))
+
+    def linked(self, seen: Sequence[FrameSightings]) -> list[FrameMotion]:
+        """The table of the clip."""
+        return link_objects(seen, self.min_frames) if self.several else link_sightings(seen)
+
+
+@dataclass(frozen=True, eq=False)
+class ClipMeasured:
+    """Where the object is in each frame, and what was found of the clip.
+
+    Parameters
+    ----------
+    clip : ClipInputs
+    plate : LinearImage
+    rows : list of FrameMotion
+    scene : StaticScene or None
+        None if all solutions exist.
+    model : ColorModel or None
+        The same.
+    """
+
+    clip: ClipInputs
+    plate: LinearImage
+    rows: list[FrameMotion]
+    scene: StaticScene | None = None
+    model: ColorModel | None = None
+
+    @property
+    def color(self) -> ColorModel:
+        """The color model by which the object was measured."""
+        assert self.model is not None  # all solutions exist otherwise
+        return self.model
+
+    @property
+    def seen_color(self) -> ColorModel:
+        """The color of the object in all frames; of objects of any colors there is no mean."""
+        several = self.clip.several and self.color.rank == 3
+        return self.color if several else seen_color(self.color, self.rows)
+
+    def read_out(self, readout: Direction) -> ClipMeasured:
+        """The same of a camera whose next row lies in this direction."""
+        return replace(self, rows=[row.read_out(readout) for row in self.rows])
+
+
+def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[Shot]:
+    """The shots of a clip; each is measured by itself."""
+    LOG.info("finding the shots")
+    step = next(coded_frames(frames, slice(0, 1))).step
+    parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
+    return find_shots((one for part in parts for one in part), step)
+
+
+def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail | None]:
+    return [None if one is None else thumbnail(one) for one in each_coded(frames)]
+
+
+def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | ClipMeasured]:
+    """Find plate, noise, color, the object in each frame alone, and its track.
+
+    Yields
+    ------
+    FrameSightings
+        Of each frame that is not finished, in order.
+    ClipMeasured
+        At the end.
+
+    Raises
+    ------
+    BlurmatteError
+        If there is no plate, or no color.
+    ValueError
+        As in `sightings`.
+    """
+    frames, plate, model, seen = clip.frames, clip.plate, clip.model, list(clip.finished)
+    if plate is None:
+        LOG.info("making the plate")
+        plate = clip_plate(frames)
+    if clip.written is not None and len(seen) == len(frames):
+        rows = clip.linked(seen)
+        if all(row.place in clip.written for row in rows_to_solve(rows, model is None)):
+            yield ClipMeasured(clip, plate, rows)
+            return
+    scene = scene_of(frames, plate, model or ColorModel.any(), clip.hidden, clip.rate)
+    if model is None:
+        LOG.info("finding the color")
+        scene = survey(frames, scene, workers)
+        model = _color(clip, scene, workers)
+    new = sightings_in_scene(
+        *(frames, scene, model, workers),
+        several=clip.several,
+        numbers=clip.numbers,
+        rate=clip.rate,
+        skip=len(seen),
+    )
+    for one in logged(new, "measuring", len(frames) - len(seen)):
+        seen.append(one)
+        yield one
+    yield ClipMeasured(clip, plate, clip.linked(seen), scene, model)
+
+
+def _color(clip: ClipInputs, scene: StaticScene, workers: Workers) -> ColorModel:
+    """The color of the object; perhaps any, if no shape on a path explains enough of its streaks."""
+    try:
+        return color_in_scene(clip.frames, scene, workers)
+    except ColorModelError:
+        if clip.any_color:
+            return ColorModel.any()
+        raise
+
+
+def solved(
+    done: ClipMeasured,
+    workers: Workers,
+    solver: Solver | None,
+    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], Wanted], Answer]],
+) -> Iterator[tuple[Wanted, Answer | Failure]]:
+    """What a work made of each frame with the object that is not written, in order.
+
+    Parameters
+    ----------
+    done : ClipMeasured
+    workers : Workers
+    solver : Pixelwise, Smooth, Swept, Shaded or None
+        As in `solve`.
+    work : callable
+        The work in each process, from the solver of frames that it calls.
+    """
+    if done.scene is None or done.model is None:
+        return
+    clip, found = done.clip, done.clip.model is None
+    LOG.info("finding what the frames share")
+    each = FrameSolver.of(clip.frames, done.scene, done.model, solver)
+    wanted = wanted_frames(clip.frames, done.rows, each, clip.numbers, workers, found)
+    rest = [one for one in wanted if one.row.place not in (clip.written or ())]
+    outcomes = workers.over(clip.frames, work(each), parts_to_solve(rest))
+    yield from zip(rest, logged(outcomes, "solving", len(rest)), strict=True)
+
+
+def measure_clip(
+    frames: Sequence[LinearImage],
+    plate: LinearImage | None = None,
+    model: ColorModel | None = None,
+    *,
+    several: bool = False,
+    rate: float | None = None,
+    workers: int | Workers = 1,
+) -> list[FrameMotion]:
+    """Measure a moving object, or several, in all frames of a clip of a fixed camera.
+
+    All frames share one plate and one color. Streaks of that color are measured in each frame alone
+    (`sightings`), then joined to tracks (`link_sightings`); arms, strings and shadows are ignored. The
+    neighboring frames give the direction of time of each motion.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+        From `read_frames`, or a list.
+    plate : LinearImage, optional
+        The scene without the object; made from up to 60 frames if not given.
+    model : ColorModel, optional
+        Its color; `clip_color` finds it if not given.
+    several : bool
+        Track every object of that color that is visible in three frames or more (`link_objects`),
+        instead of the strongest one. For objects of different colors use `ColorModel.any()`; they must
+        be discs.
+    rate, workers
+        As in `sightings`.
+
+    Returns
+    -------
+    list of FrameMotion
+        One for each frame, including those without a detection; for several objects one for each in
+        the frame.
+
+    Raises
+    ------
+    PlateError
+        If no plate can be made from the frames.
+    ColorModelError
+        If no color was given and no frame determines it.
+    ValueError
+        As in `sightings`.
+    """
+    clip = ClipInputs(_sited(frames, plate), plate, model, several, rate=rate)
+    with shared(workers) as processes:
+        return whole(measured(clip, processes)).rows
+
+
+def solve_clip(
+    frames: Sequence[LinearImage],
+    plate: LinearImage | None = None,
+    model: ColorModel | None = None,
+    *,
+    several: bool = False,
+    occluder: Bools | None = None,
+    solver: Solver | None = None,
+    workers: int | Workers = 1,
+) -> Iterator[tuple[int, Solution]]:
+    """Separate a moving object from its background in each frame of a clip of a fixed camera.
+
+    Frames are measured alone first (`sightings`). Then each is solved in a crop around the object;
+    color, path and radius that the other frames predict are a prior. Each process holds one frame.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+        From `read_frames`, or a list.
+    plate : LinearImage, optional
+        The scene without the object; made from up to 60 frames if not given.
+    model : ColorModel, optional
+        Its color; `clip_color` finds it if not given.
+    several : bool
+        Solve every object of that color, as `measure_clip` follows them.
+    occluder : (H, W) bool, optional
+        Where something is in front of the scene in all frames, such as a score board: changes there are
+        no motion. Alpha continues behind it, as in `solve`.
+    solver : Pixelwise, Smooth, Swept or Shaded, optional
+        As in `solve`; of `Shaded` with the object's light, not with a plate in shadow.
+    workers : int or Workers
+        As in `sightings`.
+
+    Yields
+    ------
+    index : int
+        Of the frame, from 0; of several objects in one frame each is yielded.
+    solution : Solution
+        In the whole picture. Frames without the object, and those in which it cannot be separated,
+        are left out.
+
+    Raises
+    ------
+    PlateError, ColorModelError, ValueError
+        As `measure_clip`; ValueError also for a solver with a plate in shadow.
+    """
+    check_clip_solver(solver)
+    clip = ClipInputs(_sited(frames, plate), plate, model, several, occluder, any_color=True)
+    with shared(workers) as processes:
+        done = whole(measured(clip, processes))
+        for wanted, solution in solved(done, processes, solver, lambda each: each):
+            if isinstance(solution, Failure):
+                raise solution.error
+            if isinstance(solution, Solution):
+                yield wanted.index, solution
+
+
+def whole(events: Iterable[FrameSightings | ClipMeasured]) -> ClipMeasured:
+    """The last of the events of `measured`."""
+    *_, last = events
+    assert isinstance(last, ClipMeasured)
+    return last
+
+
+def _sited(frames: Sequence[LinearImage], plate: LinearImage | None) -> Sequence[LinearImage]:
+    """The frames, their chroma where it agrees with the plate."""
+    return frames.for_plate(plate) if isinstance(frames, ClipFrames) else frames
