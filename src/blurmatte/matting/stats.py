@@ -328,12 +328,15 @@ class SolutionStats:
         return replace(self, match=MatchSummary.of(match, *agreements))
 
     def with_errors_times(self, factor: float, sum_alpha: float) -> SolutionStats:
-        """The same with errors multiplied, and the grade that belongs to them and a sum of alpha."""
+        """The same with errors multiplied, and the grade that belongs to them and a sum of alpha.
+
+        The factor is 1 or more: the grade may become worse, whatever it rests on, and never better.
+        """
         errors = self.alpha_error, self.sum_alpha_std, self.alpha_scale_std
         error, sum_std, scale_std = (None if std is None else factor * std for std in errors)
         grade = self.grade
         if grade is not None and error is not None and sum_std is not None:
-            grade = grade_of(error, sum_std / sum_alpha)
+            grade = max(grade, grade_of(error, sum_std / sum_alpha), key=list(Grade).index)
         return replace(
             self, alpha_error=error, sum_alpha_std=sum_std, alpha_scale_std=scale_std, grade=grade
         )
