@@ -128,3 +128,6 @@ def test_names_missing_extras(bracket, tmp_path, monkeypatch):
     pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
     line = complaint("calibrate", "response", *pictures, "--plot", tmp_path / "p.png")
     assert 'pip install "blurmatte[plot]"' in line
+    one = bracket / "1.png"  # needs a region: the plot is refused before the picture is read
+    line = complaint("calibrate", "noise", one, "--plot", tmp_path / "p.png")
+    assert 'pip install "blurmatte[plot]"' in line

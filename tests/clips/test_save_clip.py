@@ -224,6 +224,12 @@ def test_killed_run_ends_with_the_same_bytes(shot, once, tmp_path, stop):
     assert contents(tmp_path) == contents(once[0])
 
 
+def test_missing_pyav_is_stated_before_frames_are_solved(shot, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(bm.FileError, match=r"blurmatte\[video\]"):
+        run_of(shot, extension=".mov")
+
+
 def test_missing_pyarrow_is_said_at_once(shot, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
     with pytest.raises(bm.FileError, match=r"blurmatte\[tables\]"):

@@ -12,7 +12,7 @@ import numpy as np
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
 from blurmatte.cli.console import about, answer, argument, option, output, waiting
-from blurmatte.cli.output_checks import SHEET, check_file
+from blurmatte.cli.output_checks import check_file, check_plot
 from blurmatte.cli.quantities import box, number
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Reading
@@ -41,7 +41,7 @@ def noise(
 ) -> None:
     """Measure the gain and the read noise of a camera, and how its noise is correlated."""
     check_file(out, "noise", ".json")
-    check_file(plot, "a plot", *SHEET)
+    check_plot(plot)
     paths = expanded(pictures)
     with about(paths[0]), waiting("measuring the noise"):
         fit = _measured(paths, plate, region, reading)
@@ -75,7 +75,7 @@ def response(
 ) -> None:
     """Measure the curve of a camera from pictures of a still scene with different exposures."""
     check_file(out, "a curve", ".json")
-    check_file(plot, "a plot", *SHEET)
+    check_plot(plot)
     reading = Reading("linear", max_pixels)
     paths = expanded(pictures)
     times = None if exposures is None else _seconds(exposures)

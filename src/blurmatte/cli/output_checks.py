@@ -37,6 +37,15 @@ def check_file(path: Path | None, what: str, *endings: str) -> None:
     _check_writable(path, path.parent)
 
 
+def check_plot(path: Path | None) -> None:
+    """Check that a plot can be drawn and written, before work; raises BlurmatteError."""
+    from blurmatte.figures.drawing import plot_library
+
+    check_file(path, "a plot", *SHEET)
+    if path is not None:
+        plot_library()
+
+
 def check_ending(path: Path, what: str, *endings: str) -> None:
     """Check that a name ends with one of these, and can be written; raises FileError."""
     from blurmatte.files.atomic import extension_of

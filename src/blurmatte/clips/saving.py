@@ -26,6 +26,7 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
 from blurmatte.figures import Matte, draw_clip
 from blurmatte.files import Frames, read_layer, require_parquet, write
+from blurmatte.files.clip_decoding import video_library
 from blurmatte.matting import Grade
 from blurmatte.matting.case import Solver
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
@@ -77,7 +78,7 @@ class ClipRun:
     ValueError
         If an extension is another, complete layers are no EXRs, or the solver has a plate in shadow.
     FileError
-        If pyarrow is missing and the table is .parquet.
+        If pyarrow is missing and the table is .parquet, or PyAV and layers are .mov.
     """
 
     inputs: tuple[Path, ...]
@@ -106,6 +107,8 @@ class ClipRun:
             raise ValueError(f"table must be .csv or .parquet, got {self.table!r}")
         if self.table == ".parquet":
             require_parquet()  # the table is written at the end
+        if self.extension == ".mov":
+            video_library(Path("layers.mov"))  # and so is the clip
 
     @property
     def key(self) -> str:

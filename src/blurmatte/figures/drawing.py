@@ -133,13 +133,18 @@ def round_up(value: float) -> float:
     return float(f"{np.ceil(value / step - 1e-9) * step:.2g}")
 
 
-def new_figure(size: tuple[float, float], dpi: int) -> Any:
-    """An empty figure of matplotlib, inches; raises BlurmatteError if that is not installed."""
+def plot_library() -> Any:
+    """The class of figures of matplotlib; raises BlurmatteError if that is not installed."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise BlurmatteError('a plot needs matplotlib: pip install "blurmatte[plot]"') from error
-    return Figure(size, dpi, layout="constrained")
+    return Figure
+
+
+def new_figure(size: tuple[float, float], dpi: int) -> Any:
+    """An empty figure of matplotlib, inches; raises BlurmatteError if that is not installed."""
+    return plot_library()(size, dpi, layout="constrained")
 
 
 def sheet_style(figure: Any) -> Any:

@@ -115,8 +115,10 @@ def reasons(terms: ErrorTerms, claim: float, weights: Array, compressed: bool) -
 
     claim: the claimed error, which noise alone leaves. weights (n,): of the hypotheses.
     """
+    area_error = 2 * float(np.expm1(terms.radius)) / 100  # relative, by the radius
     true = {
         "file": compressed,
+        "size": area_error > GRADE_LIMITS[Grade.CONFIRMED][1],
         "disagreement": len(weights) > 1 and float(np.sort(weights)[-2]) >= MIN_LIKELY_WEIGHT,
     }
     found = ["noise"] if claim > GRADE_LIMITS[Grade.CONFIRMED][0] else []

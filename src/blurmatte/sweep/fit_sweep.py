@@ -56,7 +56,7 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
-from blurmatte.sweep.transfer_fit import curve_covariance
+from blurmatte.sweep.transfer_fit import curve_covariance, with_unstated_curves
 
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
@@ -288,14 +288,14 @@ def _fit_before(
     observation, candidates = search.observation, [_with_opacity(c) for c in candidates]
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
-    compared = []
+    compared, with_curves = [], list[Observation]()
+    if image.meta.transfer_assumed:
+        pairs = with_unstated_curves(image, plate)
+        with_curves = [search_in(streak, *pair).observation for pair in pairs]
     for candidate, known, weight in zip(candidates, evidence, weights, strict=True):
         if weight > _MIN_REFINED_WEIGHT:
             sweep, known = _refined(candidate, known, image, search)
-            if image.meta.transfer_assumed:
-                sweep = _with_curve_error(
-                    sweep, candidate, (image, plate, streak), search, search_in
-                )
+            sweep = _with_curve_error(sweep, candidate, with_curves, search.bounds)
             compared.append((sweep, known))
         else:
             compared.append((sweep_of(candidate, image), known))
@@ -460,22 +460,24 @@ def _refined(
 def _with_curve_error(
     sweep: Sweep,
     candidate: Candidate,
-    pictures: tuple[LinearImage, LinearImage, Streak],
-    search: Multistart,
-    search_in: Search,
+    with_curves: Sequence[Observation],
+    bounds: tuple[float, float],
 ) -> Sweep:
-    """The sweep of a candidate with the error of a transfer curve that was assumed."""
-    image, plate, streak = pictures
+    """The sweep of a candidate with the error of a transfer curve, if it was assumed.
+
+    with_curves: of `curve_covariance`; empty if the curve is stated.
+    """
+    if not with_curves:
+        return sweep
     state, cast = candidate.state, candidate.cast
-
-    def observed(image: LinearImage, plate: LinearImage) -> Observation:
-        """With the noise and the shadow of the candidate's."""
-        found = search_in(streak, image, plate).observation
-        noise = state.observation.noise_inflation / found.noise_inflation
-        found = replace(found.raised(noise), color=state.observation.color)
-        return found if cast is None else in_shadow(found, state, cast)
-
-    by_curve = curve_covariance(state, observed, image, plate, search.bounds)
+    known = state.observation
+    observations = [
+        replace(one.raised(known.noise_inflation / one.noise_inflation), color=known.color)
+        for one in with_curves
+    ]
+    if cast is not None:
+        observations = [in_shadow(one, state, cast) for one in observations]
+    by_curve = curve_covariance(state, observations, bounds)
     n = len(sweep.covariance)  # without a blur of the rim that is the file's
     return replace(sweep, curve_covariance=by_curve[:n, :n])
 

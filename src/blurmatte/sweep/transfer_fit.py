@@ -4,7 +4,7 @@ Light mixes linearly, code values do not. With a wrong curve the residuals acros
 correlated along every rim; before a plate of one color this may not be observable.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -133,28 +133,32 @@ def with_curve(
     return with_noise(_decoded_again(image, curve), _decoded_again(plate, curve))
 
 
+def with_unstated_curves(
+    image: LinearImage, plate: LinearImage
+) -> list[tuple[LinearImage, LinearImage]]:
+    """Image and plate decoded with the curve that was assumed, then with the others it may have."""
+    assumed = image.meta.transfer
+    assert assumed is not None
+    others = (curve for curve in UNSTATED_CURVES if curve.name != assumed.name)
+    return [with_curve(image, plate, curve) for curve in (assumed, *others)]
+
+
 def curve_covariance(
-    state: State,
-    observed: Callable[[LinearImage, LinearImage], Observation],
-    image: LinearImage,
-    plate: LinearImage,
-    bounds: tuple[float, float],
+    state: State, observations: Sequence[Observation], bounds: tuple[float, float]
 ) -> Array:
     """Covariance of path and shape by the curve of an image that does not state it.
 
     Where light is half the object's is elsewhere with another curve: the rim moves all along the path,
-    and no residuals show it. The covariance is the mean of d dᵀ over `UNSTATED_CURVES`, where d is the
-    change of the parameters. A curve that leaves residuals much more correlated than the assumed one
-    is excluded.
+    and no residuals show it. The covariance is the mean of d dᵀ over the curves, where d is the change
+    of the parameters. A curve that leaves residuals much more correlated than the assumed one is
+    excluded.
 
     Parameters
     ----------
     state : State
         Fitted with the assumed curve.
-    observed : callable
-        The observation of image and plate.
-    image, plate : LinearImage
-        Decoded with the assumed curve.
+    observations : sequence of Observation
+        Of the pictures of `with_unstated_curves`.
     bounds : (float, float)
         Of the radius, pixels.
 
@@ -162,20 +166,10 @@ def curve_covariance(
     -------
     (n, n) float
     """
-    assumed = image.meta.transfer
-    assert assumed is not None
-
-    def fitted(curve: Transfer) -> State:
-        """The same path and shape fitted to the light of another curve."""
-        return minimize(state.on(observed(*with_curve(image, plate, curve))), bounds)
-
-    first = fitted(assumed)
+    first, *others = (minimize(state.on(observation), bounds) for observation in observations)
     limit = _MAX_INFLATION_RATIO * variance_inflation(first)
     changes = [np.zeros(first.size)]
-    for curve in UNSTATED_CURVES:
-        if curve.name == assumed.name:
-            continue
-        other = fitted(curve)
+    for other in others:
         if variance_inflation(other) <= limit:
             changes.append(np.concatenate([other.path - first.path, other.shape - first.shape]))
     D = np.array(changes)

@@ -348,3 +348,24 @@ def test_unknown_plate_gives_no_streak():
     (seen,) = sightings([frame], replace(plate, valid=valid), MODEL)
     assert seen.found == ()
     assert seen.reason == "nothing moved"
+
+
+def test_a_reason_of_several_streaks_is_stated_once(monkeypatch):
+    """Exact: two balls, neither of which can be measured."""
+    plate = colorful_plate(SIZE, 2, tile=24)
+    light = plate
+    for start, end in (((25, 30), (45, 34)), ((105, 85), (125, 90))):
+        light = render(Scene(light, Trajectory.line(start, end), Ball(RADIUS, color=COLOR)))
+        light = light.image.rgb
+    measured = []
+
+    def refused(*arguments):
+        measured.append(arguments)
+        raise MotionError("no disc explains it")
+
+    monkeypatch.setattr("blurmatte.motion.clip.measure._measured", refused)
+    rng = np.random.default_rng(4)
+    pictures = CAMERA.photograph(light, rng), CAMERA.photograph(plate, rng)
+    (seen,) = sightings([pictures[0]], pictures[1], MODEL)
+    assert len(measured) == 2
+    assert seen.reason == "no disc explains it"

@@ -205,7 +205,9 @@ class _Detector:
                 break
         if not parts:
             reasons = [NOTHING_MOVED if self.color is None or not crops else _NO_COLOR]
-        return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
+        return FrameSightings(
+            number, time, tuple(found), "; ".join(dict.fromkeys(reasons)), len(rest)
+        )
 
     def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:
         """The strongest streaks of all crops that may be the object's, the strongest first."""
