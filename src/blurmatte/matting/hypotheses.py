@@ -132,7 +132,7 @@ class _WeightedHypotheses:
         picture: the prior alone confirms nothing.
         """
         prior = 1.0 if self.sweeps[0].silhouette.opacity < 1 else MOVED_ODDS
-        return self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] * np.sqrt(prior)
+        return bool(self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] * np.sqrt(prior))
 
     @property
     def summaries(self) -> list[HypothesisSummary]:
