@@ -23,7 +23,7 @@ from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shaded import Shaded, mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.stats import MatchSummary, SolutionStats, noise_of
+from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, noise_of
 from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
@@ -247,6 +247,8 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
         sweep = replace(sweep, covariance=error_factor**2 * sweep.covariance)
+    if sweep is not None and stats.sweep is not None:
+        stats = replace(stats, sweep=SweepSummary.of(sweep))
     model = replace(case.model, mean=mean_light(maps))
     return Solution(*maps, model=model, solver=repr(case.solver), stats=stats, sweep=sweep)
 
