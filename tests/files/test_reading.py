@@ -139,6 +139,18 @@ def test_bytes_between_segments_of_a_jpeg_with_a_gain_map_are_an_error(tmp_path,
     assert capfd.readouterr() == ("", "")
 
 
+def test_a_marker_within_the_body_of_a_jpeg_with_a_gain_map_is_an_error(tmp_path, ramp, capfd):
+    """Door: one clear message, and nothing that a library prints."""
+    path, space = tmp_path / "a.jpg", b"http://ns.adobe.com/hdr-gain-map/1.0/"
+    xmp = b'<rdf:Description xmlns:hdrgm="' + space + b'" hdrgm:Version="1.0"/>'
+    Image.fromarray(np.resize(ramp, (30, 40, 3))).save(path, xmp=xmp)
+    data = path.read_bytes()
+    path.write_bytes(data[:-60] + b"\xff\xe0" + data[-58:])
+    with pytest.raises(FileError, match="the JPEG is damaged or truncated"):
+        read(path, transfer=SRGB)
+    assert capfd.readouterr() == ("", "")
+
+
 @pytest.mark.parametrize("name", ["a.png", "a.jpg", "a.tif"])
 @pytest.mark.parametrize(("unit", "x", "y"), [(1, 72, 72), (0, 1, 1), (0, 0, 64), (1, 0, 0)])
 def test_square_and_meaningless_densities_are_accepted(tmp_path, ramp, name, unit, x, y):

@@ -134,6 +134,7 @@ def test_stats_describe_the_streak(solved, paint):
     assert_allclose(stats.sum_alpha, solution.alpha[inside].sum(dtype=float))
     assert_allclose(stats.sum_alpha, paint.layer.alpha.sum(), rtol=0.05)
     assert stats.sweep.radius == pytest.approx(14, abs=3 * stats.sweep.radius_std)
+    assert stats.sweep.radius_std == solution.sweep.radius_std
     x0, _, _, y1 = find_streaks(*solved[1:])[0].box
     assert stats.streak_box[0] <= x0 + 1  # the sweep may reach further, where noise hides it
     assert stats.streak_box[3] >= y1 - 1

@@ -11,6 +11,7 @@ import re
 import struct
 import warnings
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
@@ -34,6 +35,7 @@ from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbe
 from blurmatte.files.exr_blocks import distinct_blocks, repeat_blocks, written_rows
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
+from blurmatte.files.silence import silent_libraries
 from blurmatte.formats import BMP, EXR, JPEG, PNG, RAW, TIFF, Format
 from blurmatte.jpeg import JpegError, check_header, metadata_segments
 
@@ -323,6 +325,11 @@ def _colors_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
     return found
 
 
+def _silent(form: Format) -> AbstractContextManager[None]:
+    """OpenImageIO's libraries for JPEG and its gain maps print what is wrong with a file."""
+    return silent_libraries() if form is JPEG else nullcontext()
+
+
 def _open(path: Path, form: Format, max_pixels: int) -> tuple[Any, Any]:
     """OpenImageIO's ImageInput and ImageSpec."""
     import OpenImageIO as oiio
@@ -330,7 +337,8 @@ def _open(path: Path, form: Format, max_pixels: int) -> tuple[Any, Any]:
     wish = oiio.ImageSpec()
     wish["oiio:UnassociatedAlpha"] = 1  # else straight code values are multiplied by alpha
     with plain_name(path, form) as name:
-        source = oiio.ImageInput.open(name, wish)
+        with _silent(form):
+            source = oiio.ImageInput.open(name, wish)
         if source is not None:
             return source, source.spec()
         reason = oiio.geterror().replace(name, str(path))
@@ -345,7 +353,8 @@ def _pixels(
 ) -> npt.NDArray[Any]:
     at = [spec.channelnames.index(name) for name in names]
     dtype = str(spec.format) if str(spec.format).startswith("uint") else "float"
-    pixels = source.read_image(source.current_subimage(), 0, min(at), max(at) + 1, dtype)
+    with _silent(form):
+        pixels = source.read_image(source.current_subimage(), 0, min(at), max(at) + 1, dtype)
     complaints = [line for line in source.geterror().splitlines() if not _HARMLESS.search(line)]
     method = _UNREADABLE.search(" ".join(complaints))
     if method:

@@ -10,14 +10,11 @@ it clips below black, which biases dark light, and rounds.
 """
 
 import math
-import os
 import struct
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -28,6 +25,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.errors import check_size
 from blurmatte.files.exif import TiffTag
 from blurmatte.files.raster import readout_of, upright
+from blurmatte.files.silence import silent_libraries
 from blurmatte.radiometry.color_space import Matrix3
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
@@ -50,7 +48,6 @@ _SRGB_TO_XYZ = np.array(
         [0.0193339, 0.1191920, 0.9503041],
     ]
 )
-_STDERR_LOCK = Lock()  # two threads that silence stderr would restore the wrong descriptor
 _CONVERT = "convert it to DNG (e.g. with Adobe's free DNG Converter) or to 16-bit linear TIFF"
 
 
@@ -75,7 +72,7 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
         ):
             raise FileError(f"{path}: export it as EXR; it holds floats, not sensor data")
     try:
-        with path.open("rb") as file, _silent():
+        with path.open("rb") as file, silent_libraries():
             raw = rawpy.imread(file)
             check_size(path, (raw.sizes.width, raw.sizes.height), max_pixels)
             raw.unpack()
@@ -103,24 +100,6 @@ def _library(path: Path) -> Any:
 def _reason(error: Exception) -> str:
     reason = error.args[0] if error.args else "no reason given"
     return reason.decode() if isinstance(reason, bytes) else str(reason)
-
-
-@contextmanager
-def _silent() -> Iterator[None]:
-    """Silence stderr: LibRaw prints the errors that it raises, past sys.stderr."""
-    with _STDERR_LOCK:
-        try:
-            kept = os.dup(2)
-        except OSError:  # a program without a terminal has no stderr
-            yield
-            return
-        try:
-            with open(os.devnull, "wb") as nowhere:
-                os.dup2(nowhere.fileno(), 2)
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
 
 
 def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage:

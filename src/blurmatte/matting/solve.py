@@ -21,7 +21,7 @@ from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shaded import mark_shadow
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.stats import MatchSummary, SolutionStats, noise_of
+from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, noise_of
 from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
@@ -230,6 +230,8 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
     if sweep is not None:
         covariance = answer.error_factor**2 * sweep.covariance
         sweep = replace(sweep, covariance=covariance).with_curve_error
+        if stats.sweep is not None:
+            stats = replace(stats, sweep=SweepSummary.of(sweep))
     model = replace(model, mean=mean_light(maps))
     name = repr(answer.chosen or solver)
     return Solution(*maps, model=model, solver=name, stats=stats, sweep=sweep)
