@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -242,7 +241,10 @@ def save_clip(
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
         files = _written(run, folder, work, shots)
-        empty = 0 if run.complete else _fill(run, folder, work.records)
+        empty = 0
+        if not run.complete:
+            named = numbers, run.frames.size, run.file_extension, run.several
+            empty = write_empty_layers(folder, work.records, *named)
         done = tuple(work.records), tuple(shots), tuple(work.problems)
         report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
         write(folder / "report.json", _numbers(run, report))
@@ -278,15 +280,9 @@ def _shot(
     before = max((row.track or 0 for row in work.rows), default=0)
     work.rows += [replace(row, track=row.track and row.track + before) for row in found.rows]
     work.plates.append(found.plate)
-    writer = partial(
-        LayerWriter,
-        folder=folder.absolute(),
-        shot=number,
-        extension=run.file_extension,
-        several=run.several,
-        complete=run.complete,
-    )
-    for wanted, outcome in solved(found, workers, run.solver, writer):
+    how = folder.absolute(), number, run.file_extension, run.several, run.complete
+    outcomes = solved(found, workers, run.solver, lambda solver: LayerWriter(solver, *how))
+    for wanted, outcome in outcomes:
         if isinstance(outcome, Failure):
             work.problems.append(f"frame {wanted.row.frame}: {outcome.error}")
             continue
@@ -338,12 +334,6 @@ def _mattes(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> list[
         Matte(one.frame, run.frames[places[one.frame]], read_layer(folder / one.layer))
         for one in chosen
     ]
-
-
-def _fill(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> int:
-    """Write empty layers of the other frames; how many."""
-    numbers, size = run.frames.frame_numbers, run.frames.size
-    return write_empty_layers(folder, records, numbers, size, run.file_extension, run.several)
 
 
 def _without_layer(work: _Work) -> list[str]:

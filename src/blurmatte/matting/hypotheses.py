@@ -132,6 +132,11 @@ class _WeightedHypotheses:
         ]
 
 
+def shape_log_odds(case: Case) -> tuple[float, float]:
+    """As `_WeightedHypotheses.shape_log_odds`, of a case that was fitted at full size."""
+    return _WeightedHypotheses.of(case).shape_log_odds()
+
+
 def average_hypotheses(
     case: Case, out: PixelMaps | None
 ) -> tuple[Case, PixelMaps, SolutionStats, float]:
