@@ -176,3 +176,14 @@ def test_solution_of_a_part_has_its_place_in_the_picture(pictures, truth):
     moved = whole.sweep.trajectory.xy - part.sweep.trajectory.xy
     assert moved == pytest.approx(np.tile((10.0, 0.0), (129, 1)))
     assert whole.sweep.alpha[0:44, 10:66] == pytest.approx(part.sweep.alpha, abs=1e-9)
+
+
+def test_silhouettes_are_compared_as_in_a_whole_solution(prepared):
+    """Exact: the log odds of the solution of the same frame without a known shape."""
+    frames, solver, wanted = prepared
+    one = replace(wanted[3], has_shape=False, prior=replace(wanted[3].prior, is_disc=False))
+    frame = frames[one.index : one.index + 1]
+    assert solver.silhouette_odds(frame, one) == solver(frame, one).stats.shape_log_odds
+    far = replace(one.prior.path, points=one.prior.path.points + np.array([0.0, 3.0]))
+    contradicting = replace(one, prior=replace(one.prior, path=far))
+    assert solver.silhouette_odds(frame, contradicting) is None

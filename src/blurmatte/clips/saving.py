@@ -6,7 +6,6 @@ import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -283,15 +282,9 @@ def _shot(
     before = max((row.track or 0 for row in work.rows), default=0)
     work.rows += [replace(row, track=row.track and row.track + before) for row in found.rows]
     work.plates.append(found.plate)
-    writer = partial(
-        LayerWriter,
-        folder=folder.absolute(),
-        shot=number,
-        extension=run.file_extension,
-        several=run.several,
-        complete=run.complete,
-    )
-    for wanted, outcome in solved(found, workers, run.solver, writer):
+    how = folder.absolute(), number, run.file_extension, run.several, run.complete
+    outcomes = solved(found, workers, run.solver, lambda solver: LayerWriter(solver, *how))
+    for wanted, outcome in outcomes:
         if isinstance(outcome, Failure):
             work.problems.append(f"frame {wanted.row.frame}: {outcome.error}")
             continue

@@ -152,6 +152,11 @@ class _WeightedHypotheses:
         ]
 
 
+def shape_log_odds(case: Case) -> tuple[float, float]:
+    """As `_WeightedHypotheses.shape_log_odds`, of a case that was fitted at full size."""
+    return _WeightedHypotheses.of(case, without_shape=True).shape_log_odds()
+
+
 @dataclass(frozen=True)
 class Swept(Solver):
     """Alpha from path and silhouette of the whole streak, fitted together with its color."""

@@ -16,7 +16,7 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import graded_alone
 from blurmatte.matting.case import Answer, Case, Fitted, Pictures, Solver
-from blurmatte.matting.hypotheses import Averaged
+from blurmatte.matting.hypotheses import Averaged, shape_log_odds
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shaded import mark_shadow
@@ -93,6 +93,26 @@ def solve(
     case, others = _case_of(pictures, model, solver, streak, start, prior)
     warn_if_plate_differs(*case.compared)
     return _solution(case, solver, others, out)
+
+
+def shape_odds(
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel | None,
+    *,
+    streak: Streak | None,
+    start: Sweep | None,
+    prior: MotionPrior,
+    occluder: Bools | None,
+) -> tuple[Sweep, tuple[float, float]]:
+    """The likeliest sweep and `SolutionStats.shape_log_odds`, as `solve` has them; nothing else.
+
+    The plate is taken as it is. Raises as `solve`.
+    """
+    pictures = _matched(image, plate, Matching.NONE, occluder)
+    case, _ = _case_of(pictures, model, Averaged(), streak, start, prior)
+    assert case.hypotheses is not None
+    return case.hypotheses.best, shape_log_odds(case)
 
 
 def _check(

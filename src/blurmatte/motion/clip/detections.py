@@ -48,6 +48,10 @@ class Sighting:
     path_scatter: float = 1.0
     radius_scatter: float = 1.0
 
+    def read_out(self, readout: Direction) -> Sighting:
+        """The same by a camera whose next row lies in this direction."""
+        return replace(self, measured=replace(self.measured, readout=readout))
+
     @cached_property
     def motion(self) -> Motion:
         """The motion in the direction of time if that is known; its errors explain the scatter."""
@@ -178,15 +182,6 @@ class FrameMotion:
     def something_moved(self) -> bool:
         """Whether the frame differs from the plate, by the object or by anything else."""
         return self.sighting is not None or self.reason != NOTHING_MOVED
-
-    def read_out(self, readout: Direction) -> FrameMotion:
-        """The same of a camera whose next row lies in this direction."""
-        seen = self.sighting
-        if seen is None:
-            return self
-        return replace(
-            self, sighting=replace(seen, measured=replace(seen.measured, readout=readout))
-        )
 
     @property
     def stated(self) -> Sighting | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.solve import solve
+from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.measure import in_colors_of
@@ -200,12 +200,11 @@ class FrameSolver:
         any_color: bool = False,
     ) -> Solution:
         """The solution with a prior, or of the crop alone; of the clip's color, or of its own."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", BlurmatteWarning)
+        with _without_warnings():
             return solve(
                 crop.image,
                 crop.plate,
-                None if any_color or self.model.rank == 3 else self.model,
+                None if any_color else self._given,
                 solver,
                 streak=streak,
                 matching=Matching.NONE,
@@ -213,6 +212,11 @@ class FrameSolver:
                 prior=prior,
                 occluder=self.scene.hidden_in(crop.box),
             )
+
+    @property
+    def _given(self) -> ColorModel | None:
+        """The color of the object, unless it may have any."""
+        return None if self.model.rank == 3 else self.model
 
     def silhouette_odds(
         self, frames: Sequence[LinearImage], wanted: Wanted
@@ -223,13 +227,21 @@ class FrameSolver:
         """
         (frame,) = coded_frames(frames, slice(None))
         try:
-            _, solution = replace(self, solver=None).solved(frame, wanted)
+            crop, streak, start, prior = self._prepared(frame, wanted)
+            if prior is None:
+                return None
+            with _without_warnings():
+                sweep, (disc, shape) = shape_odds(
+                    *(crop.image, crop.plate, self._given),
+                    streak=streak,
+                    start=start,
+                    prior=prior,
+                    occluder=self.scene.hidden_in(crop.box),
+                )
         except BlurmatteError:
             return None
-        if _CONTRADICTS in solution.stats.grade_reasons:
+        if sweep.diagnostics.prior_probability <= self.min_probability:
             return None
-        assert solution.stats.shape_log_odds is not None
-        disc, shape = solution.stats.shape_log_odds
         return disc - wanted.stretch_cost, shape - wanted.stretch_cost
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
@@ -246,6 +258,14 @@ class FrameSolver:
         x, y = path[np.all((path >= 0) & (path < (width, height)), axis=1)].T
         hits = [int(np.count_nonzero(dilated(part.mask, 1)[y, x])) for part in parts]
         return parts[int(np.argmax(hits))] if any(hits) else None
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Of single frames; a clip reports what all of them show."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", BlurmatteWarning)
+        yield
 
 
 def check_clip_solver(solver: Solver | None) -> None:
@@ -344,11 +364,10 @@ def _stretched(
         return list(successes(workers.over(frames, solver.stretch, parts_to_solve(some))))
 
     known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
-    step, pairs, shutter = -(-len(known) // STRETCH_FRAMES) or 1, [], RollingShutter()
+    pairs, shutter = [], RollingShutter()
     seen = [one.row.sighting for one in known if one.row.sighting is not None]
     readout = seen[0].motion.readout if seen else "down"  # of all frames of a clip
-    for first in dict.fromkeys(int(step * part) for part in _PARTS):
-        some = known[first::step]
+    for some in _batches(known, STRETCH_FRAMES):
         pairs += [(x, w.displacement) for x, w in zip(measured(some), some, strict=True) if x]
         shutter = RollingShutter.of(pairs, readout)
         if shutter.is_decisive or shutter.log_odds < 0:
@@ -371,16 +390,21 @@ def _decided(
     """
     odds: list[tuple[float, float]] = []
     total = np.zeros(2)
-    step = -(-len(known) // SILHOUETTE_FRAMES) or 1
-    for first in dict.fromkeys(int(step * part) for part in _PARTS):
-        batch = parts_to_solve(known[first::step])
-        found = successes(workers.over(frames, solver.silhouette_odds, batch))
+    for some in _batches(known, SILHOUETTE_FRAMES):
+        found = successes(workers.over(frames, solver.silhouette_odds, parts_to_solve(some)))
         odds += [one for one in found if one is not None]
         total = pooled_log_odds(odds, mistake_probability)
         if np.all(np.abs(total) > DECISIVE_LOG_BAYES_FACTOR):
             break
     disc, shape = (total > DECISIVE_LOG_BAYES_FACTOR).tolist()
     return disc, shape
+
+
+def _batches(known: Sequence[Wanted], size: int) -> Iterator[Sequence[Wanted]]:
+    """So many frames all over the clip at a time, then others between them."""
+    step = -(-len(known) // size) or 1
+    for first in dict.fromkeys(int(step * part) for part in _PARTS):
+        yield known[first::step]
 
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:

@@ -125,8 +125,10 @@ class ClipMeasured:
         return self.color if several else seen_color(self.color, self.rows)
 
     def read_out(self, readout: Direction) -> ClipMeasured:
-        """The same of a camera whose next row lies in this direction."""
-        return replace(self, rows=[row.read_out(readout) for row in self.rows])
+        """The same by a camera whose next row lies in this direction."""
+        seen = [(row, row.sighting) for row in self.rows]
+        rows = [replace(row, sighting=one and one.read_out(readout)) for row, one in seen]
+        return replace(self, rows=rows)
 
 
 def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[Shot]:

@@ -1,4 +1,8 @@
-"""Workers: processes that share the frames of a clip."""
+"""Workers: processes that share the frames of a clip.
+
+They are those of `concurrent.futures`, not of joblib: with its loky, too, a task of a killed process
+must be submitted again, interrupts ignored and the work sent once: only `_save` and `_loaded` would go.
+"""
 
 from __future__ import annotations
 
