@@ -10,6 +10,35 @@ from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 128)
+SLOW = {
+    line
+    for line in (Path(__file__).parent / "slow.txt").read_text(encoding="utf-8").splitlines()
+    if not line.startswith("#")
+}
+
+
+def pytest_addoption(parser):
+    parser.addoption("--cpu-times", type=Path, help="write the CPU seconds of each test here")
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items):
+    """Slow tests belong to the battery."""
+    for item in items:
+        if item.nodeid in SLOW:
+            item.add_marker(pytest.mark.battery)
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """Write how many CPU seconds a test took, those of its processes included."""
+    path, start = item.config.getoption("--cpu-times"), sum(os.times()[:4])
+    try:
+        return (yield)
+    finally:
+        if path is not None:
+            with path.open("a", encoding="utf-8") as file:
+                file.write(f"{sum(os.times()[:4]) - start:.2f} {item.nodeid}\n")
 
 
 def moving_ball(plate, second_color=None):
