@@ -10,6 +10,7 @@ from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 
@@ -25,9 +26,9 @@ _CORE, _CORE_MEAN = 0.9, 0.623  # lower fraction of χ² of one degree of freedo
 
 def chi_square_quantile(probability: float, degrees_of_freedom: npt.ArrayLike) -> Array:
     """Value below which χ² of (...) degrees of freedom, above 0, lies with a probability."""
-    from scipy.special import gammaincinv
-
-    return np.asarray(2 * gammaincinv(np.asarray(degrees_of_freedom) / 2, probability))
+    return np.asarray(
+        2 * scipy.special.gammaincinv(np.asarray(degrees_of_freedom) / 2, probability)
+    )
 
 
 def robust_std(deviations: Floats) -> float:
@@ -62,9 +63,9 @@ def cell_means(values: Floats, side: int) -> Floats:
 
 def window_sums(values: Floats | Bools, width: int, mode: str = "reflect") -> Array:
     """(H, W) sums over a window around each pixel; beyond the picture by a mode of SciPy."""
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(values.astype(float), width, mode=mode) * width**2)
+    return np.asarray(
+        scipy.ndimage.uniform_filter(values.astype(float), width, mode=mode) * width**2
+    )
 
 
 def block_squares(e: Floats, use: Bools, size: int) -> Array:

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
@@ -147,10 +148,10 @@ def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
 
 
 def _level(C: Array, B: Array, variance: Array, valid: Array) -> ComparedPair:
-    from scipy.ndimage import binary_erosion, gaussian_filter
-
-    C, B = (gaussian_filter(p, sigma=(1, 1, 0)) for p in (C, B))
-    inside = np.asarray(binary_erosion(valid[..., 0] == 1, iterations=3, border_value=0))
+    C, B = (scipy.ndimage.gaussian_filter(p, sigma=(1, 1, 0)) for p in (C, B))
+    inside = np.asarray(
+        scipy.ndimage.binary_erosion(valid[..., 0] == 1, iterations=3, border_value=0)
+    )
     slope_y, slope_x = (np.asarray(np.gradient(B, axis=axis)) for axis in (0, 1))
     xy = _points(np.sum(slope_x**2 + slope_y**2, axis=-1), inside)
     to = to_centered((valid.shape[1], valid.shape[0]))

@@ -7,6 +7,7 @@ Kanade (1981) the fraction. The median over the tiles that determine a shift tol
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
@@ -92,18 +93,14 @@ def _difference(d: Floats) -> float:
 
 
 def _smooth(tile: Floats) -> Floats:
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(tile, 1))
+    return np.asarray(scipy.ndimage.gaussian_filter(tile, 1))
 
 
 def _integer_shift(a: Floats, b: Floats) -> tuple[int, int]:
-    from scipy import fft
-
     window = np.outer(np.hanning(a.shape[0]), np.hanning(a.shape[1]))
-    spectra = [fft.rfft2((tile - tile.mean()) * window) for tile in (a, b)]
+    spectra = [scipy.fft.rfft2((tile - tile.mean()) * window) for tile in (a, b)]
     cross = np.conj(spectra[0]) * spectra[1]
-    peaks = fft.irfft2(cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-30), a.shape)
+    peaks = scipy.fft.irfft2(cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-30), a.shape)
     y, x = np.unravel_index(int(np.argmax(peaks)), a.shape)
     height, width = a.shape
     return int(x - width * (x > width // 2)), int(y - height * (y > height // 2))

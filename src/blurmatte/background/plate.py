@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.background.camera_motion import check_static_camera
 from blurmatte.background.robust_mean import (
@@ -242,10 +243,8 @@ class _Window:
 
 
 def _box_mean(values: Floats, side: int) -> Floats:
-    from scipy.ndimage import uniform_filter
-
     # Its running sums do not return to exactly 0.
-    return np.asarray(np.maximum(uniform_filter(values, side), 0))
+    return np.asarray(np.maximum(scipy.ndimage.uniform_filter(values, side), 0))
 
 
 def _variance(

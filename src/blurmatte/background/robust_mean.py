@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, size_error
@@ -49,8 +50,6 @@ def find_restlessness(samples: Samples) -> Floats:
     That of the differences of samples, or if it is larger, that of the errors of a codec: frames repeat
     a block, until it is quantized anew.
     """
-    from scipy.ndimage import uniform_filter
-
     width, height = samples.light.size
     restless, noise = np.empty((height, width), np.float32), _coefficients(samples)
     coded = np.ones((height, width), np.float32)
@@ -66,7 +65,7 @@ def find_restlessness(samples: Samples) -> Floats:
                 coded[rows] += variance / (3 * noise_variance[..., c])
 
     _over_strips(samples, slice(0, height), inflation)
-    restless = uniform_filter(restless, _RESTLESSNESS_WINDOW_PX)
+    restless = scipy.ndimage.uniform_filter(restless, _RESTLESSNESS_WINDOW_PX)
     return np.asarray(np.maximum(np.clip(restless, 1, _MAX_RESTLESSNESS), coded))
 
 

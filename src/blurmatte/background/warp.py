@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.compiling import njit
@@ -80,11 +81,9 @@ def warped_linearly(picture: Floats, h: Array) -> Floats:
 
 def warped_mask(mask: Bools, h: Array) -> Bools:
     """(h, w) True where the support of the spline is True; False beyond the picture."""
-    from scipy.ndimage import binary_dilation
-
     lost = np.pad(~mask, 1, constant_values=True)[..., None].astype(np.float32)
     some = _between(lost, 1, 2, h, np.dtype(np.float32))[..., 0] > 1e-6
-    return np.asarray(~binary_dilation(some))
+    return np.asarray(~scipy.ndimage.binary_dilation(some))
 
 
 def _between(nodes: Floats, pad: int, taps: int, h: Array, dtype: np.dtype[Any]) -> Floats:
@@ -105,19 +104,17 @@ def _between(nodes: Floats, pad: int, taps: int, h: Array, dtype: np.dtype[Any])
 
 def spline_coefficients(picture: Floats) -> Array:
     """(h, w, channels) coefficients of the spline that interpolates a picture."""
-    from scipy.ndimage import spline_filter
-
     channels = np.moveaxis(picture, -1, 0)
-    return np.stack([spline_filter(c, SPLINE_ORDER, mode="nearest") for c in channels], axis=-1)
+    return np.stack(
+        [scipy.ndimage.spline_filter(c, SPLINE_ORDER, mode="nearest") for c in channels], axis=-1
+    )
 
 
 def interpolated_variance(xy: Array) -> float:
     """Variance of interpolated white noise of variance 1, mean over the points xy (n, 2)."""
-    from scipy.ndimage import shift
-
     step = np.linspace(0, 1, 33)
     one = np.eye(1, 31, 15)[0]  # the spline's response beyond 15 pixels is negligible
-    energy = [float(np.sum(shift(one, s, order=SPLINE_ORDER) ** 2)) for s in step]
+    energy = [float(np.sum(scipy.ndimage.shift(one, s, order=SPLINE_ORDER) ** 2)) for s in step]
     along = np.interp(xy % 1, step, energy)
     return float(np.mean(along.prod(axis=1)))
 

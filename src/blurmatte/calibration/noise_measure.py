@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.calibration.noise_fit import NoiseFit, fit_sensor, without_rounding
 from blurmatte.calibration.noise_pair import plate_share
@@ -201,14 +202,12 @@ def _light(sample: Sample) -> Array:
     By the adaptive filter of J.-S. Lee, *Digital image enhancement and noise filtering by use of local
     statistics*, IEEE Trans. PAMI 2, 1980.
     """
-    from scipy.ndimage import uniform_filter
-
     size = (AROUND_PX, AROUND_PX, 1)
-    weight = np.maximum(uniform_filter(sample.use.astype(float), size), _TINY)
+    weight = np.maximum(scipy.ndimage.uniform_filter(sample.use.astype(float), size), _TINY)
 
     def mean(x: Array) -> Array:
         """Local mean over the pixels in use."""
-        return np.asarray(uniform_filter(np.where(sample.use, x, 0), size) / weight)
+        return np.asarray(scipy.ndimage.uniform_filter(np.where(sample.use, x, 0), size) / weight)
 
     around = mean(sample.light)
     differs = np.maximum(mean(sample.light**2) - around**2, _TINY)
@@ -243,14 +242,12 @@ def _rejection_ratio(sample: Sample) -> float:
 
 def _unchanged(sample: Sample, typical: Array) -> tuple[float, Bools]:
     """Fraction of changed pixels, and (H, W, 3) those unchanged and within the noise."""
-    from scipy.ndimage import uniform_filter
-
     limit = _rejection_ratio(sample) * typical + sample.step**2
     use = np.asarray(sample.use.all(axis=-1))
     size = (_PATCH_PX, _PATCH_PX)
     ratio = (np.minimum(sample.v, limit) / (typical + _TINY)).mean(axis=-1)
-    part = uniform_filter(use.astype(float), size)
-    patch = uniform_filter(np.where(use, ratio, 0), size) / np.maximum(part, _TINY)
+    part = scipy.ndimage.uniform_filter(use.astype(float), size)
+    patch = scipy.ndimage.uniform_filter(np.where(use, ratio, 0), size) / np.maximum(part, _TINY)
     below = 1 - float(np.quantile(patch[use], _LOW_QUANTILE)) if use.any() else 0.0
     white = float(np.sqrt(2 / (3 * sample.freedom * _PATCH_PX**2)))
     scatter = max(below / _LOW_QUANTILE_STD, white)

@@ -6,6 +6,7 @@ In this file C is the image's light, B the plate's, and d = C − B.
 from itertools import pairwise
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
@@ -69,12 +70,10 @@ def fit_noise(
 
 def _quiet(d: Floats, s2: Floats, usable: Bools) -> Bools:
     """(H, W) where the mean of d over 7 x 7 pixels is no outlier among such means."""
-    from scipy.ndimage import uniform_filter
-
     if not usable.any():
         return usable
     z = np.where(usable[..., None], d, 0) / np.sqrt(s2)
-    mean = np.abs(uniform_filter(z, size=(7, 7, 1)))
+    mean = np.abs(scipy.ndimage.uniform_filter(z, size=(7, 7, 1)))
     medians = np.median(np.ascontiguousarray(mean[usable].T), axis=1)  # of contiguous rows: faster
     usual = np.maximum(MAD_TO_STD * medians, 1 / 7)  # 1/7 is that of white noise
     return np.asarray((mean <= 4 * usual).all(axis=-1))

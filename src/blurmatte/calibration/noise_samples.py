@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats, Floats32, check_map, check_same_size
 from blurmatte.errors import NoiseError
@@ -175,10 +176,7 @@ def _without_drift(change: Floats32, light: Floats32, use: Bools, number: int) -
     The drift is a robust straight line in light: moving objects are outliers at few levels of light.
     Pixels are grouped by the mean light around them, whose noise is nearly independent of the change.
     """
-    from scipy.ndimage import uniform_filter
-    from scipy.stats import siegelslopes
-
-    around = uniform_filter(light, (AROUND_PX, AROUND_PX, 1))
+    around = scipy.ndimage.uniform_filter(light, (AROUND_PX, AROUND_PX, 1))
     rest = change.copy()
     for c in range(3):
         some = np.flatnonzero(use[..., c])
@@ -192,7 +190,9 @@ def _without_drift(change: Floats32, light: Floats32, use: Bools, number: int) -
                 f"the brightness of frame {number} differs from the one before by "
                 f"{drift[-1] / at[-1]:+.0%}; frames must be taken alike, with the same exposure"
             )
-        slope, offset = siegelslopes(drift, at) if len(at) > 2 else (0.0, float(np.median(drift)))
+        slope, offset = (
+            scipy.stats.siegelslopes(drift, at) if len(at) > 2 else (0.0, float(np.median(drift)))
+        )
         rest[..., c] -= np.float32(offset) + np.float32(slope) * light[..., c]
     return rest
 
@@ -203,9 +203,9 @@ def _shift(light: Floats32, change: Floats32, use: Bools) -> tuple[float, float]
     A shift s changes light by −s·∇. It is the median over tiles, of which moving objects occupy few.
     The share is corrected for the one expected by chance.
     """
-    from scipy.ndimage import gaussian_filter
-
-    g = np.stack(np.gradient(gaussian_filter(light.mean(axis=-1, dtype=float), 1.0)), axis=-1)
+    g = np.stack(
+        np.gradient(scipy.ndimage.gaussian_filter(light.mean(axis=-1, dtype=float), 1.0)), axis=-1
+    )
     d, inside = change.mean(axis=-1, dtype=float), np.asarray(use.all(axis=-1))
     if not inside.any():
         return 0.0, 0.0

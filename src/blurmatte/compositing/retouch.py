@@ -12,6 +12,7 @@ which the layer did not change.
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.background import Match
 from blurmatte.checks import Bools, check_map, check_same_size
@@ -112,9 +113,7 @@ def remove(
     if grow < 0:
         raise ValueError(f"grow must be 0 or more pixels, got {grow}")
     if grow > 0:
-        from scipy.ndimage import maximum_filter
-
-        streak = maximum_filter(streak, 2 * grow + 1)
+        streak = scipy.ndimage.maximum_filter(streak, 2 * grow + 1)
     # Interpolation spreads `valid` but not `clipped`: declare what was recorded valid before it.
     plate = replace(plate, valid=plate.valid | plate.clipped.any(axis=-1))
     if match is not None:

@@ -36,6 +36,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.differences import Differences
@@ -194,8 +195,6 @@ class _Solver:
 
     def _solved(self, right: Array, tolerance: float, normal: Normal, axes: Array) -> Array:
         """H⁻¹ times a vector (n, 3), about the covariance along axes (3, 3) of color."""
-        from scipy.sparse.linalg import LinearOperator, cg
-
         shape = self.color.shape
 
         def product(x: Array) -> Array:
@@ -210,12 +209,12 @@ class _Solver:
             return np.asarray(self.independent_scale * columns[..., 0].T @ axes.T).ravel()
 
         size = self.color.size, self.color.size
-        solution, _ = cg(
-            LinearOperator(size, product, dtype=float),
+        solution, _ = scipy.sparse.linalg.cg(
+            scipy.sparse.linalg.LinearOperator(size, product, dtype=float),
             np.asarray(right).ravel(),
             rtol=tolerance,
             maxiter=_MAX_PRODUCTS,
-            M=LinearOperator(size, inverse, dtype=float),
+            M=scipy.sparse.linalg.LinearOperator(size, inverse, dtype=float),
         )
         return np.asarray(solution.reshape(shape))
 

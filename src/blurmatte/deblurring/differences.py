@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Ints32
 from blurmatte.deblurring.lattice import Lattice
@@ -75,14 +76,14 @@ class Differences:
     @cached_property
     def matrix(self) -> Any:
         """D (m, n), a sparse matrix."""
-        from scipy.sparse import csr_matrix, vstack
-
         parts = []
         for nodes, coefficients in self.stencils:
             m, k = nodes.shape
             places = np.repeat(np.arange(m), k), nodes.ravel()
-            parts.append(csr_matrix((np.tile(coefficients, m), places), shape=(m, self.size)))
-        return vstack(parts, format="csr")
+            parts.append(
+                scipy.sparse.csr_matrix((np.tile(coefficients, m), places), shape=(m, self.size))
+            )
+        return scipy.sparse.vstack(parts, format="csr")
 
     def weights(self, strengths: Array) -> Array:
         """(m,) a strength for each order."""

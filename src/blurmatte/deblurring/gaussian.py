@@ -16,6 +16,7 @@ right; the posterior covariance s (N + μ Q)⁻¹ grows with it.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Lattice
@@ -57,11 +58,9 @@ class GaussianFit:
 
 def fit_gaussian(equations: NormalEquations, lattice: Lattice | Sphere) -> GaussianFit:
     """The posterior for the likeliest strength."""
-    from scipy.optimize import minimize_scalar
-
     Q = gradient_prior(lattice, np.ones(len(lattice.edges)), equations.band.shape[2])
     bounds = -2 * np.log(_MAX_CONTRAST), -2 * np.log(_MIN_CONTRAST)
-    best = minimize_scalar(
+    best = scipy.optimize.minimize_scalar(
         lambda x: -fit_strength(equations, Q, np.exp(x)).log_evidence,
         bounds=bounds,
         method="bounded",

@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, Compression
@@ -48,25 +49,23 @@ class _Axis:
     @cached_property
     def mean(self) -> Matrix:
         """Pixels of the units → their chroma."""
-        from scipy.sparse import identity, kron
-
         number = self.whole // self.shared
-        return kron(identity(number), np.full((1, self.shared), 1 / self.shared), format="csr")
+        return scipy.sparse.kron(
+            scipy.sparse.identity(number), np.full((1, self.shared), 1 / self.shared), format="csr"
+        )
 
     @cached_property
     def interpolated(self) -> Matrix:
         """Chroma → pixels of the units; pairs are 3/4 their own and 1/4 the next one's."""
-        from scipy.sparse import csr_matrix, identity
-
         number = self.whole // self.shared
         if self.shared == 1:
-            return identity(number, format="csr")
+            return scipy.sparse.identity(number, format="csr")
         pixel = np.arange(self.whole)
         own = pixel // 2
         other = np.clip(own + 2 * (pixel % 2) - 1, 0, number - 1)
         weights = np.concatenate([np.full(self.whole, 0.75), np.full(self.whole, 0.25)])
         places = np.concatenate([pixel, pixel]), np.concatenate([own, other])
-        return csr_matrix((weights, places), shape=(self.whole, number))
+        return scipy.sparse.csr_matrix((weights, places), shape=(self.whole, number))
 
     @cached_property
     def chroma(self) -> Matrix:
@@ -83,21 +82,18 @@ class _Axis:
     @cached_property
     def seen(self) -> Matrix:
         """Chroma of pixels before the file → after it; beyond the picture's edges as at them."""
-        from scipy.sparse import csr_matrix
-
         places = np.clip(np.arange(self.whole) - self.start, 0, self.size - 1)
         shape = self.whole, self.size
-        edges = csr_matrix((np.ones(self.whole), (np.arange(self.whole), places)), shape=shape)
+        edges = scipy.sparse.csr_matrix(
+            (np.ones(self.whole), (np.arange(self.whole), places)), shape=shape
+        )
         return (self.interpolated @ self.mean @ edges)[self.start : self.start + self.size]
 
 
 def _cosines(count: int) -> Matrix:
     """Orthonormal cosine transform of blocks of so many pixels."""
-    from scipy.fft import dct
-    from scipy.sparse import identity, kron
-
-    block = dct(np.eye(BLOCK), axis=0, norm="ortho")
-    return kron(identity(count // BLOCK), block, format="csr")
+    block = scipy.fft.dct(np.eye(BLOCK), axis=0, norm="ortho")
+    return scipy.sparse.kron(scipy.sparse.identity(count // BLOCK), block, format="csr")
 
 
 @dataclass(frozen=True, eq=False)

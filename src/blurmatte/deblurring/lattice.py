@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Ints32
 from blurmatte.sweep.model.pixels import Pixels
@@ -44,13 +45,11 @@ class Lattice:
     @classmethod
     def of(cls, sweep: Sweep, pitch: float = 1.0) -> "Lattice":
         """Nodes inside a sweep's silhouette, and those around them that its pixels interpolate."""
-        from scipy.ndimage import binary_dilation
-
         reach = int(np.ceil(sweep.silhouette.reach(sweep.shape) / pitch)) + 3
         side = 2 * reach + 1
         nodes = Pixels((side, side), (-reach * pitch, -reach * pitch), pitch)
         inside = sweep.silhouette.coverage(sweep.shape, nodes) > 0
-        inside = binary_dilation(inside, np.ones((3, 3), bool))
+        inside = scipy.ndimage.binary_dilation(inside, np.ones((3, 3), bool))
         y, x = np.nonzero(inside)
         across = _normal_of(sweep)
         order = np.argsort(np.stack([x, y], axis=1) @ across, kind="stable")

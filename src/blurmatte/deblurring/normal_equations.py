@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.compiling import njit
@@ -126,17 +127,13 @@ class Normal:
 
     def solve(self, right: Array) -> Array:
         """Covariance (n, n) of each channel times vectors (3, n, k)."""
-        from scipy.linalg import cho_solve_banded
-
         pairs = zip(self.channels(), right, strict=True)
-        return np.stack([cho_solve_banded((factor.T, True), r) for factor, r in pairs])
+        return np.stack([scipy.linalg.cho_solve_banded((factor.T, True), r) for factor, r in pairs])
 
     def inverse(self) -> Array:
         """(n, n) covariance of the first channel, not banded."""
-        from scipy.linalg.lapack import dpotri
-
         n = len(self.factors[0])
-        lower, _ = dpotri(block(self.factors[0], 0, n, 0, n), lower=1)
+        lower, _ = scipy.linalg.lapack.dpotri(block(self.factors[0], 0, n, 0, n), lower=1)
         return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
     def variances(self) -> Array:
@@ -157,13 +154,11 @@ def inverse_band(factor: Array) -> Array:
 
         Z[k + 1, k] = −Z[k + 1, k + 1] G,   Z[k, k] = (L[k, k] L[k, k]ᵀ)⁻¹ − Gᵀ Z[k + 1, k].
     """
-    from scipy.linalg.lapack import dtrtri
-
     n, width = factor.shape
     band, later = np.zeros_like(factor), np.zeros((0, 0))
     for begin in range((n - 1) // width * width, -1, -width):
         end, last = min(begin + width, n), min(begin + 2 * width, n)
-        inverse, _ = dtrtri(block(factor, begin, end, begin, end), lower=1)
+        inverse, _ = scipy.linalg.lapack.dtrtri(block(factor, begin, end, begin, end), lower=1)
         G = block(factor, end, last, begin, end) @ inverse
         below = -later @ G
         later = inverse.T @ inverse - G.T @ below
@@ -175,19 +170,20 @@ def inverse_band(factor: Array) -> Array:
 
 def cholesky_of(band: Array) -> Array:
     """The Cholesky factor of a matrix, both bands (n, b + 1); the matrix may be overwritten."""
-    from scipy.linalg import cholesky_banded
-
-    return np.asarray(cholesky_banded(band.T, overwrite_ab=True, lower=True, check_finite=False).T)
+    return np.asarray(
+        scipy.linalg.cholesky_banded(band.T, overwrite_ab=True, lower=True, check_finite=False).T
+    )
 
 
 def posterior(equations: NormalEquations, prior: Array) -> Normal:
     """The posterior under a prior λ Q, a band (n, b + 1)."""
-    from scipy.linalg import cho_solve_banded
-
     factors = np.stack([cholesky_of(band + prior) for band in equations.band])
     channels = Normal(np.empty(0), factors).channels()
     pairs = zip(channels, equations.right, strict=True)
-    mean = [cho_solve_banded((factor.T, True), b, check_finite=False) for factor, b in pairs]
+    mean = [
+        scipy.linalg.cho_solve_banded((factor.T, True), b, check_finite=False)
+        for factor, b in pairs
+    ]
     return Normal(np.stack(mean, axis=1), factors)
 
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Ints32
 from blurmatte.deblurring.lattice import Lattice
@@ -96,8 +97,6 @@ def blur_operator(
 
     Columns are the unknowns of a lattice, or of a sphere if the poses have a spin.
     """
-    from scipy.sparse import csr_matrix, hstack
-
     poses = poses_of(sweep) if poses is None else poses
     seen, field = seen_moments(sweep, pixels, poses), None
     if isinstance(lattice, Sphere):
@@ -106,8 +105,12 @@ def blur_operator(
         from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
 
         first, columns, values = operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen))
-    A = csr_matrix((values, columns, first), shape=(len(first) - 1, lattice.size))
-    A = A if field is None else hstack([A, csr_matrix(field)], format="csr")
+    A = scipy.sparse.csr_matrix((values, columns, first), shape=(len(first) - 1, lattice.size))
+    A = (
+        A
+        if field is None
+        else scipy.sparse.hstack([A, scipy.sparse.csr_matrix(field)], format="csr")
+    )
     return Blur(A, seen.alpha(poses.durations))
 
 

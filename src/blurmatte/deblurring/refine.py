@@ -26,6 +26,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.gaussian import (
@@ -371,6 +372,4 @@ def _spectrum(residual: Array, use: Bools) -> Array:
 
 def _padded(h: int, w: int) -> tuple[int, int]:
     """Size of transforms in which lags do not wrap around."""
-    from scipy.fft import next_fast_len
-
-    return next_fast_len(h + _MAX_LAG_PX), next_fast_len(w + _MAX_LAG_PX)
+    return scipy.fft.next_fast_len(h + _MAX_LAG_PX), scipy.fft.next_fast_len(w + _MAX_LAG_PX)

@@ -15,6 +15,7 @@ hues add Σₖ βₖ Yₖ(n), with coefficients βₖ of each channel, for a col
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.deblurring.sphere import HARMONICS
@@ -106,10 +107,8 @@ class Spin:
 
     def turns(self, t: Array) -> Array:
         """(T, 3, 3) rotations from the body to the camera's frame at exposure fractions (T,)."""
-        from scipy.spatial.transform import Rotation
-
         vectors = (np.asarray(t, float)[:, None] - 0.5) * self.rotation
-        return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
+        return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vectors).as_matrix())
 
     def jacobians(self, t: Array) -> Array:
         """(T, 3, 3) left Jacobians: a change δ of the rotation turns the body at tₖ by jacobiansₖ δ."""

@@ -19,6 +19,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools, Ints32
 from blurmatte.deblurring.normal_equations import gradient_prior
@@ -158,28 +159,26 @@ class Search:
     @cached_property
     def G(self) -> Array:
         """(m, k) light of white highlights at the nodes that are visible."""
-        from scipy.sparse import csr_matrix
-
         from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         lattice, still = Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS), np.zeros(3)
         first, columns, values = sphere_kernel.rows_of(
             *self.entries, Spin(still).turns(self.t), lattice.node, lattice.size
         )
-        dense = csr_matrix((values, columns, first), (len(self.P), lattice.size)).toarray()
+        dense = scipy.sparse.csr_matrix(
+            (values, columns, first), (len(self.P), lattice.size)
+        ).toarray()
         return np.asarray(dense[:, dense.any(axis=0)])
 
     def operator(self, rotation: Array) -> Sparse:
         """A(ω)."""
-        from scipy.sparse import csr_matrix
-
         from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         turns, size = Spin(rotation).turns(self.t), self.sphere.size
         first, columns, values = sphere_kernel.rows_of(
             self.first, self.moment, self.weight, self.normal, turns, self.sphere.node, size
         )
-        return csr_matrix((values, columns, first), shape=(len(self.P), size))
+        return scipy.sparse.csr_matrix((values, columns, first), shape=(len(self.P), size))
 
     def _equations(self, rotation: Array, contrast: float, light: Array) -> tuple[Array, Array]:
         """Upper triangle of AᵀWA + λ Q (n, n), and AᵀW times light (m, k)."""
@@ -201,19 +200,18 @@ class Search:
 
     def _solved(self, matrix: Array, right: Array, contrast: float) -> Solved:
         """The marginal likelihood for a contrast; the upper triangle of the matrix is overwritten."""
-        from scipy.linalg import solve_triangular
-        from scipy.linalg.lapack import dpotrf
-
-        factor, _ = dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
+        factor, _ = scipy.linalg.lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
         light, field, k = self.W[:, None] * self.P, self.W[:, None] * self.C, self.C.shape[1]
-        right = solve_triangular(factor, right, lower=True, check_finite=False)
+        right = scipy.linalg.solve_triangular(factor, right, lower=True, check_finite=False)
         coupling, texture = right[:, :k], right[:, k:]
         schur = self.C.T @ field + np.eye(k) / _FIELD_STD**2 - coupling.T @ coupling
         of_field = self.C.T @ light - coupling.T @ texture
         beta = np.asarray(np.linalg.solve(schur, of_field), float)
         misfit = float((light * self.P).sum() - (texture**2).sum() - (of_field * beta).sum())
         texture = texture - coupling @ beta
-        texture = solve_triangular(factor, texture, lower=True, trans=1, check_finite=False)
+        texture = scipy.linalg.solve_triangular(
+            factor, texture, lower=True, trans=1, check_finite=False
+        )
         freedom, nodes = len(self.P) - 1, self.sphere.size - 1
         volume = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(schur)[1]
         log_z = 1.5 * (-2 * nodes * np.log(contrast) - freedom * np.log(misfit) - volume)
@@ -222,12 +220,12 @@ class Search:
 
     def glossy(self, rotation: Array, contrast: float) -> Solved:
         """`solved` with highlights."""
-        from scipy.linalg import solve_triangular
-
         k = self.C.shape[1] + 3
         N, right = self._equations(rotation, contrast, np.hstack([self.C, self.P, self.G]))
         at, light = self._solved(N, right[:, :k], contrast), self.W[:, None] * self.G
-        of_nodes = solve_triangular(at.factor, right[:, k:], lower=True, check_finite=False)
+        of_nodes = scipy.linalg.solve_triangular(
+            at.factor, right[:, k:], lower=True, check_finite=False
+        )
         field_light = self.C.T @ light
         of_field = field_light - at.coupling.T @ of_nodes
         schur = self.G.T @ light - of_nodes.T @ of_nodes
@@ -252,8 +250,6 @@ class Search:
 
     def stepped(self, rotation: Array, at: Solved) -> Array:
         """The step of Gauss and Newton for log Z(ω), without the change of volume, at most 12°."""
-        from scipy.linalg import solve_triangular
-
         from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
         spin = Spin(rotation)
@@ -265,7 +261,9 @@ class Search:
         r = self.P - A @ at.texture - self.C @ at.field
         r -= 0 if at.gloss is None else (self.G @ at.gloss)[:, None]
         weighted = self.W[:, None] * J
-        of_nodes = solve_triangular(at.factor, A.T @ weighted, lower=True, check_finite=False)
+        of_nodes = scipy.linalg.solve_triangular(
+            at.factor, A.T @ weighted, lower=True, check_finite=False
+        )
         of_field = self.C.T @ weighted - at.coupling.T @ of_nodes
         full = J.T @ weighted - of_nodes.T @ of_nodes
         full -= of_field.T @ np.linalg.solve(at.schur, of_field)
@@ -321,10 +319,8 @@ class Search:
 
 def _without(at: Solved, of_nodes: Array, of_field: Array) -> tuple[Array, Array]:
     """Texture and field for the light less that of highlights, with these projections."""
-    from scipy.linalg import solve_triangular
-
     change = np.linalg.solve(at.schur, of_field)
-    nodes = solve_triangular(
+    nodes = scipy.linalg.solve_triangular(
         at.factor, of_nodes - at.coupling @ change, lower=True, trans=1, check_finite=False
     )
     return at.texture - nodes[:, None], at.field - change[:, None]

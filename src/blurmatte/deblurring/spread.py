@@ -22,6 +22,7 @@ are those of the solution without that constraint.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats, check_kind, check_map
 from blurmatte.deblurring.operator import Sparse
@@ -47,15 +48,13 @@ class _Problem:
 
     def blurred(self, h: Array) -> Array:
         """χ convolved with h."""
-        from scipy.signal import fftconvolve
-
-        return np.asarray(fftconvolve(h, self.chi, mode="same"))
+        return np.asarray(scipy.signal.fftconvolve(h, self.chi, mode="same"))
 
     def gradient(self, residual: Array) -> Array:
         """χᵀ of the weighted residual: half the gradient by h of the sum of squares."""
-        from scipy.signal import fftconvolve
-
-        return np.asarray(fftconvolve(self.weight * residual, self.chi[::-1, ::-1], mode="same"))
+        return np.asarray(
+            scipy.signal.fftconvolve(self.weight * residual, self.chi[::-1, ::-1], mode="same")
+        )
 
 
 def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread:
@@ -79,8 +78,6 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
     TypeError, ValueError
         If an argument is no such array, or alpha shows nothing.
     """
-    from scipy.ndimage import binary_dilation
-
     check_map("silhouette", silhouette, np.shape(silhouette))
     check_map("alpha", alpha, np.shape(alpha))
     check_map("alpha_std", alpha_std, alpha.shape)
@@ -94,7 +91,7 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
         raise ValueError(
             "alpha is nowhere large enough, compared with its error, for the silhouette"
         )
-    near = binary_dilation(support, chi > 0) & known
+    near = scipy.ndimage.binary_dilation(support, chi > 0) & known
     problem = _Problem(chi, np.where(near, 1 / std.astype(float) ** 2, 0), support)
     h = _solved(problem, data)
     rng = np.random.default_rng(0)
@@ -106,9 +103,9 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
 
 def _support(streak: Bools, chi: Array) -> Bools:
     """(H, W) where the center may be: most of the silhouette lies within the streak."""
-    from scipy.signal import fftconvolve
-
-    within = fftconvolve(streak.astype(float), (chi / chi.sum())[::-1, ::-1], mode="same")
+    within = scipy.signal.fftconvolve(
+        streak.astype(float), (chi / chi.sum())[::-1, ::-1], mode="same"
+    )
     return np.asarray(within > _MIN_WITHIN)
 
 
@@ -213,8 +210,6 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
 
 def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     """G (pixels, parts), middles of the parts (parts, 2), and their distances from the start."""
-    from scipy.sparse import csr_matrix
-
     from blurmatte.deblurring import operator_kernel as kernel
 
     path, pixels = sweep.trajectory, Pixels.of_box(sweep.box)
@@ -228,31 +223,36 @@ def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     offset = xy - np.array(pixels.origin)
     first, moment, part = kernel.covered_moments(offset, maps, rim, sweep.softness, pixels.shape)
     columns = moment // each
-    G = csr_matrix((part / each, columns, first), shape=(len(first) - 1, parts))
+    G = scipy.sparse.csr_matrix((part / each, columns, first), shape=(len(first) - 1, parts))
     return G, xy.reshape(parts, each, 2).mean(axis=1), position.reshape(parts, each).mean(axis=1)
 
 
 def _smooth_times(rows: Array, data: Array) -> tuple[Array, Array, float]:
     """Times, their standard deviations, and reduced χ² of rows of unit noise."""
-    from scipy.linalg import cho_factor, cho_solve
-    from scipy.optimize import minimize_scalar, nnls
-
     parts, count = rows.shape[1], len(data)
     D = np.diff(np.eye(parts), n=2, axis=0)
     N, b, Q = rows.T @ rows, rows.T @ data, D.T @ D
 
     def fit(log_strength: float) -> tuple[float, float, Array]:
         """Log evidence, residual sum of squares, and covariance at a strength of the prior."""
-        factor = cho_factor(N + np.exp(log_strength) * Q)
-        misfit = float(data @ data - b @ cho_solve(factor, b))
+        factor = scipy.linalg.cho_factor(N + np.exp(log_strength) * Q)
+        misfit = float(data @ data - b @ scipy.linalg.cho_solve(factor, b))
         log_det = 2 * np.log(np.diag(factor[0])).sum()
         log_evidence = (parts - 2) * log_strength - (count - 2) * np.log(misfit) - log_det
-        return float(log_evidence), misfit, np.asarray(cho_solve(factor, np.eye(parts)))
+        return (
+            float(log_evidence),
+            misfit,
+            np.asarray(scipy.linalg.cho_solve(factor, np.eye(parts))),
+        )
 
     largest = float(np.log(np.trace(N)))
-    best = minimize_scalar(lambda x: -fit(x)[0], bounds=(-5, largest + 10), method="bounded")
+    best = scipy.optimize.minimize_scalar(
+        lambda x: -fit(x)[0], bounds=(-5, largest + 10), method="bounded"
+    )
     _, misfit, covariance = fit(float(best.x))
     scale = misfit / (count - 2)
     smooth = np.exp(best.x / 2) * D
-    time, _ = nnls(np.vstack([rows, smooth]), np.concatenate([data, np.zeros(len(D))]))
+    time, _ = scipy.optimize.nnls(
+        np.vstack([rows, smooth]), np.concatenate([data, np.zeros(len(D))])
+    )
     return np.asarray(time), np.sqrt(scale * np.diag(covariance)), scale

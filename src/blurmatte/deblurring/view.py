@@ -11,6 +11,7 @@ edge between nodes errs by more than the noise of dark pixels.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
@@ -171,11 +172,11 @@ class View:
     @property
     def covariance(self) -> Array:
         """(k, k) of the parameters."""
-        from scipy.linalg import block_diag
-
         if self.spin is None:
             return self.sweep.covariance
-        return np.asarray(block_diag(self.sweep.covariance, self.spin.covariance), float)
+        return np.asarray(
+            scipy.linalg.block_diag(self.sweep.covariance, self.spin.covariance), float
+        )
 
     @property
     def steps(self) -> Array:

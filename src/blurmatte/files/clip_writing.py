@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Codes8, Floats
 from blurmatte.files.clip_decoding import video_library
@@ -91,8 +92,6 @@ def _straight(layer: Layer) -> Floats:
     Black pixels around the object would bleed into its rim by the codec's 8-pixel blocks and by
     scaling.
     """
-    from scipy.ndimage import distance_transform_edt
-
     if not (np.isfinite(layer.alpha).all() and np.isfinite(layer.premultiplied).all()):
         raise ValueError("use .exr or replace NaN; a clip cannot hold it")
     visible = layer.alpha >= 0.5 / _ALPHA_WHITE
@@ -100,7 +99,7 @@ def _straight(layer: Layer) -> Floats:
     if visible.any():
         color = layer.premultiplied[visible] / layer.alpha[visible][:, None]
         codes[visible] = REC709.encode(np.clip(color, 0, 1))
-        distance, (y, x) = distance_transform_edt(~visible, return_indices=True)
+        distance, (y, x) = scipy.ndimage.distance_transform_edt(~visible, return_indices=True)
         near = (distance > 0) & (distance <= 16)  # pixels
         codes[near] = codes[y[near], x[near]]
     return codes

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import MAX_PIXELS, Array, Bools, Floats
 from blurmatte.errors import FileError
@@ -211,9 +212,7 @@ def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Pattern) -> None:
 
 def _around(pixels: Bools) -> Bools:
     """True in the 3 x 3 neighborhoods of pixels, the reach of the interpolation."""
-    from scipy.ndimage import binary_dilation
-
-    return np.asarray(binary_dilation(pixels, np.ones((3, 3))))
+    return np.asarray(scipy.ndimage.binary_dilation(pixels, np.ones((3, 3))))
 
 
 def _noise(directories: Sequence[Tags], shares: Floats) -> NoiseModel | None:

@@ -6,6 +6,7 @@ Errors outside are measured by `false_alpha`.
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Floats
 from blurmatte.metrics.inputs import check_alphas
@@ -125,12 +126,10 @@ def false_alpha(estimated: Floats, true: Floats, margin: float = 0) -> float:
         If an alpha is not (H, W) float, the sizes differ, a number is not finite, the true alpha is
         above 0 nowhere, nothing lies outside, or the margin is negative.
     """
-    from scipy.ndimage import distance_transform_edt
-
     streak = check_alphas(estimated, true)
     if not margin >= 0:
         raise ValueError(f"margin must be 0 or more pixels, got {margin}")
-    outside = distance_transform_edt(~streak) > margin
+    outside = scipy.ndimage.distance_transform_edt(~streak) > margin
     if not outside.any():
         raise ValueError(f"no pixel is further than {margin:g} pixels from the streak of true")
     return float(np.sqrt(np.mean(estimated[outside].astype(float) ** 2)))
@@ -143,11 +142,12 @@ def _error(estimated: Floats, true: Floats) -> Array:
 
 
 def _gradient_magnitude(alpha: Floats) -> Array:
-    from scipy.ndimage import correlate1d
-
     x = np.arange(-4, 5)  # pixels
     gauss = np.exp(-(x**2) / (2 * 1.4**2))
     across, along = (kernel / np.linalg.norm(kernel) for kernel in (gauss, x * gauss))
-    smooth = [correlate1d(alpha.astype(float), across, axis, mode="nearest") for axis in (0, 1)]
-    dx, dy = (correlate1d(smooth[i], along, 1 - i, mode="nearest") for i in (0, 1))
+    smooth = [
+        scipy.ndimage.correlate1d(alpha.astype(float), across, axis, mode="nearest")
+        for axis in (0, 1)
+    ]
+    dx, dy = (scipy.ndimage.correlate1d(smooth[i], along, 1 - i, mode="nearest") for i in (0, 1))
     return np.asarray(np.hypot(dx, dy))

@@ -9,6 +9,7 @@ object: crop all arguments to it for comparable numbers. Nothing is clipped.
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Floats, check_light, check_map
 from blurmatte.metrics.inputs import check_all_finite
@@ -179,12 +180,11 @@ def _ssim(a: Array, b: Floats, span: float) -> float:
 
         SSIM = (2 μ_a μ_b + k₁) (2 c + k₂) / ((μ_a² + μ_b² + k₁) (v_a + v_b + k₂))
     """
-    from scipy.ndimage import uniform_filter
 
     def mean(x: Floats) -> Array:
         """Mean over each window."""
         rim = _WINDOW // 2
-        filtered = uniform_filter(x, size=(_WINDOW, _WINDOW, 1))
+        filtered = scipy.ndimage.uniform_filter(x, size=(_WINDOW, _WINDOW, 1))
         return np.asarray(filtered[rim:-rim, rim:-rim])
 
     b = b.astype(float)  # float32 is too coarse for differences of squares

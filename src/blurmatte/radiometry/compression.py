@@ -26,6 +26,7 @@ from functools import cache
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Codes8, Floats, Floats32
 from blurmatte.radiometry.transfer import Transfer
@@ -235,13 +236,11 @@ class FrameCoding:
 
 def lost_change(change: Floats, step: float) -> Array:
     """(h, w) what moving blocks lose of a change (h, w) of code values; h and w in whole blocks."""
-    from scipy.fft import dctn, idctn
-
     h, w = change.shape
     blocks = change.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK).transpose(0, 2, 1, 3)
-    c = dctn(blocks, axes=(2, 3), norm="ortho") / step
+    c = scipy.fft.dctn(blocks, axes=(2, 3), norm="ortho") / step
     c -= np.copysign(np.floor(np.abs(c) + _ROUNDING_OF_MOVING), c)
-    lost = idctn(c * step, axes=(2, 3), norm="ortho")
+    lost = scipy.fft.idctn(c * step, axes=(2, 3), norm="ortho")
     return np.asarray(lost.transpose(0, 2, 1, 3).reshape(h, w))
 
 
@@ -255,8 +254,6 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     step : (h, w) float
         Of the quantizer of each block, in code values; h = ⌈H / 8⌉ and w = ⌈W / 8⌉.
     """
-    from scipy.ndimage import uniform_filter
-
     (h, w) = step.shape
     group, n = _GROUP, BLOCK // _GROUP
     power = np.empty((h, w, n, n))
@@ -267,7 +264,7 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
         np.square(np.floor(levels, out=levels), out=levels)
         levels.reshape(-1, w, n, group, n, group).mean(axis=(3, 5), out=power[rows])
     side = _WINDOW_BLOCKS
-    power = uniform_filter(power, (side, side, 1, 1), mode="nearest")
+    power = scipy.ndimage.uniform_filter(power, (side, side, 1, 1), mode="nearest")
     zero = power < _MIN_NONZERO / (group * side) ** 2
     coefficients = group**2 * np.maximum(zero.sum(axis=(0, 1)), 1)
     power = np.where(zero, _MIN_NONZERO / coefficients, power)
@@ -285,8 +282,6 @@ def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> Iterator[tuple
 
     The mean of a block is predicted from those above and left.
     """
-    from scipy.fft import dctn
-
     above = np.zeros((0, w), np.float32)
     for start in range(0, h, _STRIP):
         rows = slice(start, min(start + _STRIP, h))
@@ -295,7 +290,7 @@ def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> Iterator[tuple
         more = [(0, side - given) for side, given in zip(sides, part.shape, strict=True)]
         whole = np.pad(part, more, mode="edge").astype(np.float32)
         blocks = whole.reshape(-1, BLOCK, w, BLOCK).transpose(0, 2, 1, 3)
-        coefficients: Floats32 = dctn(blocks, axes=(2, 3), norm="ortho")
+        coefficients: Floats32 = scipy.fft.dctn(blocks, axes=(2, 3), norm="ortho")
         mean = coefficients[..., 0, 0].copy()
         rim = (1 - len(above), 0), (1, 0)
         padded = np.pad(np.concatenate([above, mean]), rim, mode="edge")

@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import (
     MAX_LIGHT,
@@ -309,10 +310,8 @@ def smooth_variance(picture: LinearImage) -> Array:
 
     Raises ValueError if the noise is unknown.
     """
-    from scipy.ndimage import gaussian_filter
-
     raw = picture.variance.astype(float)
-    variance: Array = gaussian_filter(raw, sigma=(2.0, 2.0, 0))
+    variance: Array = scipy.ndimage.gaussian_filter(raw, sigma=(2.0, 2.0, 0))
     return np.maximum(variance, 1e-14)
 
 

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Codes, Floats, check_light, check_not_negative
 from blurmatte.jpeg import compression_of
@@ -133,8 +134,6 @@ class Camera:
         TypeError, ValueError
             If `values` is not such an array.
         """
-        from scipy.ndimage import convolve, gaussian_filter
-
         if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
             kind = getattr(values, "dtype", type(values).__name__)
             raise TypeError(f"values must be a NumPy array of floats, got {kind}")
@@ -142,10 +141,14 @@ class Camera:
             raise ValueError(f"values must be (H, W) or (H, W, k), got the shape {values.shape}")
         dtype = values.dtype
         if self.blur > 0:  # 6e-7 of a Gaussian lies beyond 5 standard deviations
-            values = gaussian_filter(values, self.blur, mode="reflect", truncate=5.0, axes=(0, 1))
+            values = scipy.ndimage.gaussian_filter(
+                values, self.blur, mode="reflect", truncate=5.0, axes=(0, 1)
+            )
         if self.defocus > 0:
             disc = disc_kernel(self.defocus)
-            values = convolve(values, disc.reshape(disc.shape + (1,) * (values.ndim - 2)))
+            values = scipy.ndimage.convolve(
+                values, disc.reshape(disc.shape + (1,) * (values.ndim - 2))
+            )
         return np.asarray(values, dtype=dtype)
 
     def expose(self, light: Floats, rng: Rng) -> Codes:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Codes8
 from blurmatte.errors import BlurmatteError
@@ -53,8 +54,6 @@ def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
     tile : float
         Typical width of a tile, pixels.
     """
-    from scipy.spatial import KDTree
-
     if not tile > 0:
         raise ValueError(f"tile must be positive, got {tile}")
     _check_size(size)
@@ -69,7 +68,7 @@ def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
     paint = _from_hue(hue, saturation, value)
     fine = 3  # points across a pixel, for antialiasing
     x, y = ((np.arange(side * fine) + 0.5) / fine - 0.5 for side in size)
-    owner = KDTree(centers).query(np.stack(np.meshgrid(x, y), axis=-1))[1]
+    owner = scipy.spatial.KDTree(centers).query(np.stack(np.meshgrid(x, y), axis=-1))[1]
     light = paint[owner].reshape(height, fine, width, fine, 3).mean(axis=(1, 3))
     shade = 0.8 + 0.2 * _unit_range(_smooth(size, tile / 2, rng))
     grain = 1 + 0.015 * _smooth(size, 0.7, rng)
@@ -261,10 +260,10 @@ def _short(size: tuple[int, int]) -> int:
 
 def _smooth(size: tuple[int, int], scale: float, rng: np.random.Generator) -> Array:
     """(H, W) noise of mean 0 and std 1, smoothed by a Gaussian of `scale` pixels."""
-    from scipy.ndimage import gaussian_filter
-
     width, height = size
-    noise = gaussian_filter(rng.standard_normal((height, width)), scale, mode="reflect")
+    noise = scipy.ndimage.gaussian_filter(
+        rng.standard_normal((height, width)), scale, mode="reflect"
+    )
     noise -= noise.mean()
     return np.asarray(noise / max(noise.std(), 1e-12))
 

@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, check_positive
 from blurmatte.trajectory import Trajectory
@@ -228,15 +229,11 @@ def _between(ends: tuple[float, float], t: float) -> float:
 
 
 def _matrix(vector: Array) -> Array:
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_rotvec(vector).as_matrix())
+    return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix())
 
 
 def _vector(matrix: Array) -> tuple[float, float, float]:
-    from scipy.spatial.transform import Rotation
-
-    return _triple(Rotation.from_matrix(matrix).as_rotvec())
+    return _triple(scipy.spatial.transform.Rotation.from_matrix(matrix).as_rotvec())
 
 
 def _triple(values: Array) -> tuple[float, float, float]:

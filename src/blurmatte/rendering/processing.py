@@ -8,6 +8,7 @@ as sRGB does not recover the light.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Floats, check_light, check_not_negative, check_positive
 from blurmatte.radiometry import NoiseModel
@@ -105,16 +106,12 @@ def _guided_filter(x: Floats, variance: Floats, strength: float, window: int) ->
 
 
 def _window_mean(x: Floats, window: int) -> Floats:
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(x, window, mode="reflect"))
+    return np.asarray(scipy.ndimage.uniform_filter(x, window, mode="reflect"))
 
 
 def _sharpened(values: Array, amount: float, radius: float) -> Array:
-    from scipy.ndimage import gaussian_filter
-
     Y, _, _ = to_ycbcr(values)
-    return np.asarray(values + amount * (Y - gaussian_filter(Y, radius))[..., None])
+    return np.asarray(values + amount * (Y - scipy.ndimage.gaussian_filter(Y, radius))[..., None])
 
 
 def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:

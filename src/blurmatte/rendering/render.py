@@ -15,6 +15,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
 from blurmatte.checks import Array, Box, Floats
@@ -229,24 +230,20 @@ def filtered_body(body: Body, x: Array, y: Array, pose: Pose, width: float) -> t
 
 def _defocused(values: Array, radius: float) -> Array:
     """Average over a disc; the result is smaller by the disc's radius on each side."""
-    from scipy.signal import fftconvolve
-
     disc = disc_kernel(radius)
     disc = disc.reshape(disc.shape + (1,) * (values.ndim - 2))
-    soft = fftconvolve(values, disc, mode="valid", axes=(0, 1))
+    soft = scipy.signal.fftconvolve(values, disc, mode="valid", axes=(0, 1))
     return np.where(soft > 1e-11, soft, 0)  # rounding errors of the Fourier transform
 
 
 def _shadow_density(scene: Scene, shadow: Shadow, t: float, box: Box) -> Array:
     """(h, w) density of the shadow in a box, 0…1."""
-    from scipy.ndimage import gaussian_filter
-
     wide = int(np.ceil(_SHADOW_REACH * shadow.softness))
     x0, y0, x1, y1 = box
     silhouette, _ = _sharp_layer(
         scene, t, (x0 - wide, y0 - wide, x1 + wide, y1 + wide), shadow.offset
     )
-    dark = gaussian_filter(silhouette, shadow.softness, truncate=_SHADOW_REACH)
+    dark = scipy.ndimage.gaussian_filter(silhouette, shadow.softness, truncate=_SHADOW_REACH)
     return np.asarray(dark[wide : wide + y1 - y0, wide : wide + x1 - x0])
 
 

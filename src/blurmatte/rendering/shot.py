@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Floats, check_kind, check_light, check_same_size
 from blurmatte.radiometry import LinearImage, decode
@@ -61,14 +62,14 @@ class Drift:
         return light
 
     def _moved(self, light: Floats) -> Floats:
-        from scipy.ndimage import affine_transform
-
         c, s = np.cos(self.rotation), np.sin(self.rotation)
         back = np.array([[c, -s], [s, c]])  # of (y, x), from the plate's picture to the image
         center = (np.array(light.shape[:2]) - 1) / 2
         offset = center - back @ (center + self.shift[::-1])
         moved = [
-            affine_transform(light[..., channel], back, offset, order=5, mode="mirror")
+            scipy.ndimage.affine_transform(
+                light[..., channel], back, offset, order=5, mode="mirror"
+            )
             for channel in range(3)
         ]
         return np.stack(moved, axis=-1)
