@@ -8,6 +8,7 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
+from blurmatte.motion.clip.measure import in_colors_of
 from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
@@ -103,7 +104,8 @@ def prepared(pictures):
     noise, dark = bm.NoiseModel(read_std=NOISE), bm.NoiseModel(read_std=1e-4)
     frames, plate = [frame.with_noise(noise) for frame in frames], plate.with_noise(dark)
     rows = bm.measure_clip(frames, plate, COLOR_MODEL)
-    solver = FrameSolver.of(frames, StaticScene.of(frames, plate), COLOR_MODEL)
+    scene = StaticScene.of(frames, plate)
+    solver = FrameSolver(scene, *in_colors_of(frames, scene, COLOR_MODEL), len(frames))
     with shared(1) as workers:
         return (
             frames,

@@ -8,6 +8,7 @@ nothing moved. Large pictures are averaged over cells of several pixels, which b
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, Noise, rounding_noise
@@ -48,9 +49,7 @@ def evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
 
 
 def _smoothed(values: Floats, scale: float) -> Floats:
-    from scipy.ndimage import gaussian_filter
-
-    return np.asarray(gaussian_filter(values, scale, mode="constant"))
+    return np.asarray(scipy.ndimage.gaussian_filter(values, scale, mode="constant"))
 
 
 def _null_variance(smooth: Floats, steps: Floats) -> Floats:
@@ -148,10 +147,8 @@ def light_change(image: LinearImage, plate: LinearImage) -> float:
 
 def _edge_energy(B: Floats) -> Floats:
     """(h, w, 3) squared gradient, the maximum over 3 x 3 cells: light² per cell²."""
-    from scipy import ndimage
-
     energy = np.gradient(B, axis=0) ** 2 + np.gradient(B, axis=1) ** 2
-    return np.asarray(ndimage.maximum_filter(energy, size=(3, 3, 1)))
+    return np.asarray(scipy.ndimage.maximum_filter(energy, size=(3, 3, 1)))
 
 
 def in_cells(values: Floats, cell: int) -> Floats:

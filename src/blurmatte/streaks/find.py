@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Array, Bools, Floats, check_kind, check_same_size
@@ -54,8 +55,6 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     PlateError
         If the pictures are too small or have no unclipped pixel in common.
     """
-    from scipy import ndimage
-
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     if min(image.size) < 16:
@@ -68,9 +67,9 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     cell = int(np.ceil(np.sqrt(image.valid.size / MAX_CELLS)))
     T = evidence(image, plate, cell)
     moved = opened(POSSIBLE < T)  # thin: a shifted edge of the plate
-    labels, _ = ndimage.label(dilated(moved, CLOSING), np.ones((3, 3)))
+    labels, _ = scipy.ndimage.label(dilated(moved, CLOSING), np.ones((3, 3)))
     parts = []
-    for number, place in enumerate(ndimage.find_objects(labels), start=1):
+    for number, place in enumerate(scipy.ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
         for part in _strong_parts(near) if near.max() > SURE else ():
             cells = np.zeros(T.shape, bool)
@@ -154,25 +153,21 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
 
 def _strong_parts(T: Floats) -> list[Bools]:
     """Masks of the sure parts, without connected weak shadows and halos."""
-    from scipy import ndimage
-
     typical = float(np.quantile(T[T > 0], 0.9))
     weakest = MIN_RELATIVE_CONTRAST**2 * typical
     strong = np.asarray(max(POSSIBLE, weakest) < T)
     near = dilated(strong, CLOSING)
-    pieces, count = ndimage.label(near, np.ones((3, 3)))
-    tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
+    pieces, count = scipy.ndimage.label(near, np.ones((3, 3)))
+    tops = scipy.ndimage.maximum(T, pieces, np.arange(1, count + 1))
     return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > SURE]
 
 
 def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
     """Mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
-    from scipy import ndimage
-
     rim, closing = RIM, CLOSING
-    (place,) = ndimage.find_objects(part.astype(np.int8))
+    (place,) = scipy.ndimage.find_objects(part.astype(np.int8))
     joined = dilated(np.pad(part[place], rim), closing)
-    grown = dilated(ndimage.binary_fill_holes(joined), rim - closing)
+    grown = dilated(scipy.ndimage.binary_fill_holes(joined), rim - closing)
     cells = np.zeros([side + 2 * rim for side in part.shape], bool)
     cells[tuple(slice(s.start, s.stop + 2 * rim) for s in place)] = grown
     return cells_to_pixels(cells[rim:-rim, rim:-rim], cell, shape)
@@ -186,17 +181,16 @@ def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[St
 
     The first of the result is the merged one; its mask includes the hidden part between.
     """
-    from scipy.ndimage import binary_dilation, distance_transform_edt
-
     if not occluder.any():
         return list(streaks)
-    across = int(2 * distance_transform_edt(np.pad(occluder, 1)).max())
+    across = int(2 * scipy.ndimage.distance_transform_edt(np.pad(occluder, 1)).max())
 
     def behind(mask: Bools) -> Bools:
         """The part of the occluder within its width of a mask."""
         grown = dilated(mask, RIM)
         return np.asarray(
-            occluder & binary_dilation(grown, iterations=across, mask=occluder | grown)
+            occluder
+            & scipy.ndimage.binary_dilation(grown, iterations=across, mask=occluder | grown)
         )
 
     whole, rest = streaks[0], list(streaks[1:])

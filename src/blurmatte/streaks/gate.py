@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Bools, Box, Floats32, check_same_size
 from blurmatte.compiling import njit
@@ -187,23 +188,19 @@ def _std(differences: Floats32) -> Floats32:
 
 def _reach(std: Floats32, least: float) -> Floats32:
     """Largest |d| without motion, from its standard deviations."""
-    from scipy.ndimage import uniform_filter
-
-    variance = uniform_filter(std**2, _STD_WINDOW_CELLS, mode="nearest")
+    variance = scipy.ndimage.uniform_filter(std**2, _STD_WINDOW_CELLS, mode="nearest")
     std = np.sqrt(np.maximum(variance, std**2))  # of edges, which restless places are next to
     return np.asarray(np.maximum(_MAX_STD * std, max(least, 1e-9)), np.float32)
 
 
 def _boxes(moved: Bools, side: int, size: tuple[int, int]) -> tuple[Box, ...]:
     """Boxes of pixels around the parts of a mask of blocks, joined until none overlap."""
-    from scipy import ndimage
-
     if not moved.any():
         return ()
-    labels, _ = ndimage.label(moved, np.ones((3, 3)))
+    labels, _ = scipy.ndimage.label(moved, np.ones((3, 3)))
     width, height = size
     boxes = []
-    for y, x in ndimage.find_objects(labels):
+    for y, x in scipy.ndimage.find_objects(labels):
         least = side * min(y.stop - y.start, x.stop - x.start)
         margin = max(_MARGIN_PX, int(_MIN_MARGIN_RATIO * least))
         x0, y0 = max(x.start * side - margin, 0), max(y.start * side - margin, 0)

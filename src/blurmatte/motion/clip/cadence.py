@@ -17,6 +17,7 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
@@ -145,13 +146,11 @@ def _line(x: Array, y: Array) -> tuple[float, float]:
     Time stamps are late by any part of an interval, in a pattern: the largest distance is bounded, and
     a mean would depend on where the pattern ends.
     """
-    from scipy.optimize import linprog
-
     y0, scale = float(y[0]), float(np.ptp(y)) or 1.0
     one = np.ones(len(x))
     A = np.block([[np.stack([x, one, -one], 1)], [np.stack([-x, -one, -one], 1)]])
     b = np.concatenate([y - y0, y0 - y]) / scale
-    found = linprog((0, 0, 1), A, b, bounds=((None, None), (None, None), (0, None)))
+    found = scipy.optimize.linprog((0, 0, 1), A, b, bounds=((None, None), (None, None), (0, None)))
     slope, intercept, _ = found.x * scale
     return float(slope), float(intercept + y0)
 

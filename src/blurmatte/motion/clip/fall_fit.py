@@ -20,6 +20,7 @@ from math import factorial
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools, check_kind
 from blurmatte.errors import MotionError
@@ -214,8 +215,6 @@ class _Flight:
 
     def _excess(self, sound: Bools) -> Array:
         """(m,) χ² about the Student-t parabola of the sound positions, over the limit of noise."""
-        from scipy.special import fdtri  # scipy.stats takes a second to import
-
         t, n = self.times - self.times[sound].mean(), self.places.shape[1]
         W, freedom = np.linalg.inv(self.known), np.full(len(t), float(n))
         weights, chi2 = np.ones(len(t)), np.zeros(len(t))
@@ -230,13 +229,11 @@ class _Flight:
             chi2 /= noise_scale(chi2[sound] / share, freedom[sound])
             weights = student_weights(chi2, freedom)
         limit = MIN_OUTLIER_PROBABILITY / count
-        return np.asarray(chi2 / n / fdtri(n, free, 1 - limit))
+        return np.asarray(chi2 / n / scipy.special.fdtri(n, free, 1 - limit))
 
 
 def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
     """The most likely parabola through positions (m, n) with the covariances (m, n, n)."""
-    from scipy.special import chdtrc, fdtrc  # scipy.stats takes a second to import
-
     (count, n), middle = places.shape, float(times.mean())
     found, covariance, chi2 = _polynomial(times - middle, places, known, 2)
     freedom = n * (count - 3)
@@ -249,7 +246,7 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
         middle,
         chi2,
         freedom,
-        float(chdtrc(freedom, chi2)),
+        float(scipy.special.chdtrc(freedom, chi2)),
     )
     if count < MIN_F_POSITIONS or fall.fits:
         return fall
@@ -258,7 +255,7 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
     less = _polynomial(times - middle, places, known, 4)[2]
     added, free = 2 * n, n * (count - 5)
     ratio = (chi2 - less) / added / (less / free)
-    fall = replace(fall, even=float(fdtrc(added, free, ratio)))
+    fall = replace(fall, even=float(scipy.special.fdtrc(added, free, ratio)))
     inflated = fall.acceleration_covariance * fall.overscatter**2
     return replace(fall, acceleration_covariance=inflated) if fall.fits else fall
 

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Bools, Box, Floats, Floats32
 from blurmatte.color.color_projection import (
@@ -62,15 +63,13 @@ class MatchedFilter:
         cls, plate: LinearImage, image_in: Callable[[Box], LinearImage], model: ColorModel
     ) -> "MatchedFilter":
         """For frames with the noise of an image, which is given in boxes; strips save memory."""
-        from scipy.ndimage import gaussian_filter
-
         weight = np.empty(plate.valid.shape, np.float32)
         for rows, box, _ in _strips(plate.size, 0):
             part = plate.crop(box)
             weight[rows] = projection_weights(image_in(box), part, projection_vectors(part, model))
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
         scale = _SMOOTHING_PX
-        std = gaussian_filter(weight, scale / np.sqrt(2))
+        std = scipy.ndimage.gaussian_filter(weight, scale / np.sqrt(2))
         std /= 4 * np.pi * scale**2
         np.sqrt(std, out=std)
         std[std == 0] = np.inf  # far from known pixels
@@ -100,9 +99,7 @@ class MatchedFilter:
 
     def _strength(self, p: Floats32) -> Floats32:
         """(H, W) smoothed light in standard deviations."""
-        from scipy.ndimage import gaussian_filter
-
-        smooth = gaussian_filter(self.weight * p, _SMOOTHING_PX)
+        smooth = scipy.ndimage.gaussian_filter(self.weight * p, _SMOOTHING_PX)
         return np.asarray(smooth / (self.inflation * self.std), np.float32)
 
     def parts(self, image: LinearImage) -> list[Streak]:
@@ -110,14 +107,12 @@ class MatchedFilter:
 
         Their `evidence` is the energy of the object's light, Σ p².
         """
-        from scipy import ndimage
-
         p = self._light(image)
         strength = self._strength(p)
         there = opened(strength > _EXTENT_STD)
         near = dilated(there, _CLOSING_PX)
-        labels, _ = ndimage.label(near, np.ones((3, 3)))
-        places = ndimage.find_objects(labels)
+        labels, _ = scipy.ndimage.label(near, np.ones((3, 3)))
+        places = scipy.ndimage.find_objects(labels)
         parts: list[tuple[float, Place, Bools]] = []
         for number in np.unique(labels[near & (strength > _DETECTION_STD)]):
             place = places[number - 1]
@@ -153,13 +148,11 @@ def _strong(strength: Floats) -> Bools | None:
 
     `_padding()` pixels larger than the part on each side.
     """
-    from scipy.ndimage import binary_fill_holes
-
     usual = float(np.quantile(strength[strength > 0], 0.9))
     strong = strength > max(_EXTENT_STD, _MIN_STRENGTH_FRACTION * usual)
     if np.count_nonzero(strong) < _MIN_AREA_PX:
         return None
-    filled = binary_fill_holes(dilated(np.pad(strong, _padding()), _CLOSING_PX))
+    filled = scipy.ndimage.binary_fill_holes(dilated(np.pad(strong, _padding()), _CLOSING_PX))
     return dilated(filled, _MARGIN_PX - _CLOSING_PX)
 
 

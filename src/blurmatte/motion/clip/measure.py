@@ -105,7 +105,11 @@ def sightings(
     scene = scene_of(frames, plate, model, rate=rate)
     with shared(workers) as processes:
         yield from sightings_in_scene(
-            frames, scene, model, processes, several=several, numbers=numbers, rate=rate, skip=skip
+            *(frames, scene, *in_colors_of(frames, scene, model), processes),
+            several=several,
+            numbers=numbers,
+            rate=rate,
+            skip=skip,
         )
 
 
@@ -113,6 +117,7 @@ def sightings_in_scene(
     frames: Sequence[LinearImage],
     scene: StaticScene,
     model: ColorModel,
+    color: MatchedFilter | None,
     workers: Workers,
     *,
     several: bool,
@@ -120,8 +125,7 @@ def sightings_in_scene(
     rate: float | None = None,
     skip: int = 0,
 ) -> Iterator[FrameSightings]:
-    """As `sightings`."""
-    model, color = in_colors_of(frames, scene, model)
+    """As `sightings`, with what `in_colors_of` made of the model."""
     where = numbers if numbers is None or isinstance(numbers, range) else tuple(numbers)
     detect = _Detector(scene, model, color, where, rate, several)
     for found in successes(workers.over(frames, detect, parts_of(frames, workers, skip))):

@@ -24,6 +24,7 @@ from math import factorial
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools
 
@@ -257,21 +258,17 @@ def excess_over_noise(chi2: Array, freedom: Array, which: Bools) -> Array:
     chi2, freedom (n,): of each, NaN if unknown.
     which (n,): those that are compared.
     """
-    from scipy.special import chdtri  # scipy.stats takes a second to import
-
     known = which & np.isfinite(chi2)
     if not known.any():
         return np.zeros(len(chi2))
     scale = noise_scale(chi2[known], freedom[known])
     limit = MIN_OUTLIER_PROBABILITY / int(known.sum())
-    return np.where(known, chi2 / scale / chdtri(np.maximum(freedom, 1.0), limit), 0)
+    return np.where(known, chi2 / scale / scipy.special.chdtri(np.maximum(freedom, 1.0), limit), 0)
 
 
 def noise_scale(chi2: Array, freedom: Array) -> float:
     """Variance of the noise in units of the stated one, from the median of χ² (n,); at least 1."""
-    from scipy.special import chdtri  # scipy.stats takes a second to import
-
-    return max(float(np.median(chi2 / chdtri(freedom, 0.5))), 1.0)
+    return max(float(np.median(chi2 / scipy.special.chdtri(freedom, 0.5))), 1.0)
 
 
 def in_large_parts(used: Bools, part: npt.NDArray[np.int_]) -> Bools:

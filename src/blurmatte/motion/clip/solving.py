@@ -20,7 +20,6 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
-from blurmatte.motion.clip.measure import in_colors_of
 from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene
@@ -96,20 +95,13 @@ class FrameSolver:
     scene: StaticScene
     model: ColorModel
     color: MatchedFilter | None
-    min_probability: float  #: that a frame differs as much from its prior: less is a contradiction
+    frame_count: int  #: of the clip
     solver: Solver | None = None  #: None averages all hypotheses
 
-    @classmethod
-    def of(
-        cls,
-        frames: Sequence[LinearImage],
-        scene: StaticScene,
-        model: ColorModel,
-        solver: Solver | None = None,
-    ) -> FrameSolver:
-        """For a clip, its scene and the color of its object."""
-        model, color = in_colors_of(frames, scene, model)
-        return cls(scene, model, color, _MIN_PROBABILITY / len(frames), solver)
+    @property
+    def min_probability(self) -> float:
+        """That a frame differs as much from its prior: less is a contradiction."""
+        return _MIN_PROBABILITY / self.frame_count
 
     @property
     def fits_shapes(self) -> bool:

@@ -21,7 +21,8 @@ from blurmatte.motion.clip.color import color_in_scene, seen_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
 from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
-from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
+from blurmatte.motion.clip.matched_filter import MatchedFilter
+from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
 from blurmatte.motion.clip.progress import LOG, logged
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
 from blurmatte.motion.clip.solving import (
@@ -103,7 +104,8 @@ class ClipMeasured:
     scene : StaticScene or None
         None if all solutions exist.
     model : ColorModel or None
-        The same.
+    colors : (ColorModel, MatchedFilter or None) or None
+        The model in the colors of the frames, and the filter for its light.
     """
 
     clip: ClipInputs
@@ -111,6 +113,7 @@ class ClipMeasured:
     rows: list[FrameMotion]
     scene: StaticScene | None = None
     model: ColorModel | None = None
+    colors: tuple[ColorModel, MatchedFilter | None] | None = None
 
     @property
     def color(self) -> ColorModel:
@@ -132,7 +135,7 @@ class ClipMeasured:
 
 
 def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[Shot]:
-    """The shots of a clip; each is measured by itself."""
+    """The shots of a clip."""
     LOG.info("finding the shots")
     step = next(coded_frames(frames, slice(0, 1))).step
     parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
@@ -174,8 +177,9 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
         LOG.info("finding the color")
         scene = survey(frames, scene, workers)
         model = _color(clip, scene, workers)
+    colors = in_colors_of(frames, scene, model)
     new = sightings_in_scene(
-        *(frames, scene, model, workers),
+        *(frames, scene, *colors, workers),
         several=clip.several,
         numbers=clip.numbers,
         rate=clip.rate,
@@ -184,7 +188,7 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
     for one in logged(new, "measuring", len(frames) - len(seen)):
         seen.append(one)
         yield one
-    yield ClipMeasured(clip, plate, clip.linked(seen), scene, model)
+    yield ClipMeasured(clip, plate, clip.linked(seen), scene, model, colors)
 
 
 def _color(clip: ClipInputs, scene: StaticScene, workers: Workers) -> ColorModel:
@@ -214,11 +218,11 @@ def solved(
     work : callable
         The work in each process, from the solver of frames that it calls.
     """
-    if done.scene is None or done.model is None:
+    if done.scene is None or done.colors is None:
         return
     clip, found = done.clip, done.clip.model is None
     LOG.info("finding what the frames share")
-    each = FrameSolver.of(clip.frames, done.scene, done.model, solver)
+    each = FrameSolver(done.scene, *done.colors, len(clip.frames), solver)
     wanted = wanted_frames(clip.frames, done.rows, each, clip.numbers, workers, found)
     rest = [one for one in wanted if one.row.place not in (clip.written or ())]
     outcomes = workers.over(clip.frames, work(each), parts_to_solve(rest))

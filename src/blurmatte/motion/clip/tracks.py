@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.motion.clip.detections import FrameSightings, Sighting, in_intervals
@@ -131,8 +132,6 @@ def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[T
 
 def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], similar: bool) -> dict[int, int]:
     """Index of the detection that is assigned to each track, by index."""
-    from scipy.optimize import linear_sum_assignment
-
     shape = len(tracks), len(found)
     costs = np.array([[track.cost(s) for s in found] for track in tracks]).reshape(shape)
     gate = _GATE_CHI2
@@ -140,7 +139,7 @@ def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], similar: bool) ->
     if similar:
         likely = np.array([[track.unlikelihood(s) for s in found] for track in tracks])
         price = np.where(costs < gate, likely.reshape(shape), 1e6)  # more than any −2 ln L
-    assigned = zip(*linear_sum_assignment(price), strict=True)
+    assigned = zip(*scipy.optimize.linear_sum_assignment(price), strict=True)
     return {int(a): int(b) for a, b in assigned if costs[a, b] < gate}
 
 

@@ -11,6 +11,7 @@ These sums are linear in alpha, or ratios of such sums. An error δα of a pixel
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools, Direction
 from blurmatte.errors import MotionError
@@ -264,10 +265,8 @@ def _doubts_of_moments(solution: Solution, use: Bools, motion: Motion) -> list[s
 
 def _part_count(solution: Solution, use: Bools) -> int:
     """Number of separate parts of alpha."""
-    from scipy.ndimage import gaussian_filter, label
-
     alpha = np.where(use, np.asarray(solution.alpha, float), 0)
-    near = gaussian_filter(alpha, _PART_SMOOTHING_PX)
-    labels, count = label(near > _MIN_PART_ALPHA * near.max())
+    near = scipy.ndimage.gaussian_filter(alpha, _PART_SMOOTHING_PX)
+    labels, count = scipy.ndimage.label(near > _MIN_PART_ALPHA * near.max())
     sums = np.bincount(labels.ravel(), alpha.ravel(), count + 1)[1:]
     return int(np.count_nonzero(sums > _MIN_PART_FRACTION * alpha.sum()))

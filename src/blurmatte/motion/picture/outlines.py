@@ -16,6 +16,7 @@ them have a common error) give it the variance σ²(4πl² + 1) / (8π (s² + l�
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, check_kind
 from blurmatte.errors import MotionError
@@ -107,16 +108,14 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
 
 def _derivative_along(alpha: Array, shift: Array, scale: float) -> Array:
     """(H, W) derivative of alpha in the direction of a shift (2,), times its length."""
-    from scipy.ndimage import gaussian_filter
-
-    dx, dy = (gaussian_filter(alpha, scale, order=order) for order in ((0, 1), (1, 0)))
+    dx, dy = (
+        scipy.ndimage.gaussian_filter(alpha, scale, order=order) for order in ((0, 1), (1, 0))
+    )
     return np.asarray(shift[0] * dx + shift[1] * dy)
 
 
 def _slope_std(variance: Array, inflation: float, scale: float) -> Array:
     """(H, W) standard deviation of a derivative of alpha over a Gaussian neighborhood."""
-    from scipy.ndimage import gaussian_filter
-
     wider = scale**2 + (inflation - 1) / (4 * np.pi)
-    mean = gaussian_filter(variance, scale / np.sqrt(2))
+    mean = scipy.ndimage.gaussian_filter(variance, scale / np.sqrt(2))
     return np.asarray(np.sqrt(mean * inflation / (8 * np.pi)) / wider)

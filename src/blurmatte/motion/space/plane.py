@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, check_kind, check_points
 from blurmatte.errors import MotionError
@@ -133,9 +134,7 @@ class Plane:
         check_intrinsics("intrinsics", intrinsics)
         R = np.asarray(rotation, dtype=float)
         if R.size == 3:
-            from scipy.spatial.transform import Rotation
-
-            R = Rotation.from_rotvec(R.ravel()).as_matrix()
+            R = scipy.spatial.transform.Rotation.from_rotvec(R.ravel()).as_matrix()
         t = np.asarray(translation, dtype=float).ravel()
         if R.shape != (3, 3) or t.shape != (3,):
             raise ValueError(

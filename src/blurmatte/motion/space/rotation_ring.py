@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
@@ -96,8 +97,6 @@ def _profile(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> Array:
 
     Raises MotionError if alpha does not vary.
     """
-    from scipy.ndimage import gaussian_filter1d
-
     rho = np.hypot(pixels.x - c[0], pixels.y - c[1])
     phi = np.arctan2(pixels.y - c[1], pixels.x - c[0])
     which = np.floor((phi / (2 * np.pi)) * GRID).astype(int) % GRID
@@ -111,7 +110,7 @@ def _profile(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> Array:
     ]
     smooth = max(1.5 * GRID / (2 * np.pi * ring[1]), 2)  # 1.5 pixels at the outer radius
     while smooth < _MAX_SMOOTHING:
-        above, below = (gaussian_filter1d(s, smooth, mode="wrap") for s in sums[:2])
+        above, below = (scipy.ndimage.gaussian_filter1d(s, smooth, mode="wrap") for s in sums[:2])
         profile = np.asarray(mean + above / np.maximum(below, 1e-12))
         # The sum of squared Gaussian weights is 1 / (2 √π s).
         variance = sums[2].mean() / (2 * np.sqrt(np.pi) * smooth)

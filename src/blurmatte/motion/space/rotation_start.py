@@ -11,6 +11,7 @@ which is linear in c and in 1/ω.
 from collections.abc import Iterator
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
@@ -45,10 +46,8 @@ def starts(
 
 def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[Array, float]:
     """The center and 1/ω for which (1) holds in the most pixels."""
-    from scipy.ndimage import gaussian_filter
-
     scale = _SMOOTHING_PX
-    gy, gx = (gaussian_filter(alpha, scale, order=o) for o in ((1, 0), (0, 1)))
+    gy, gx = (scipy.ndimage.gaussian_filter(alpha, scale, order=o) for o in ((1, 0), (0, 1)))
     # Independent noise σ gives the derivative of a Gaussian the error σ / (√(8π) s²).
     noise = float(np.median(std[use])) / (np.sqrt(8 * np.pi) * scale**2) if use.any() else 1.0
     steep = use & (np.hypot(gx, gy) > _MIN_GRADIENT_STD * noise)
