@@ -50,6 +50,22 @@ if TYPE_CHECKING:
     from blurmatte.cli.picture_rows import PrintedAnswer
 
 
+@dataclass(frozen=True)
+class SolvingOptions:
+    """Where the object is, and how alpha is estimated."""
+
+    region: Region = None
+    occluder: Occluder = None
+    solver: Annotated[
+        str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
+    ] = "auto"
+
+    @property
+    def of_each_picture(self) -> bool:
+        """Whether they mean pictures that are solved alone, not a clip."""
+        return (self.region, self.occluder, self.solver) != (None, None, "auto")
+
+
 @dataclass(frozen=True, eq=False)
 class _PictureOptions:
     """Options that apply to all images."""
@@ -75,11 +91,7 @@ def solve(
     colors: ColorOptions,
     reading: CameraReading,
     clip: ClipOptions,
-    region: Region = None,
-    occluder: Occluder = None,
-    solver: Annotated[
-        str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
-    ] = "auto",
+    how: SolvingOptions,
     require: Annotated[
         str | None, option("confirmed|plausible", "Exit code 3 if a grade is lower.")
     ] = None,
@@ -91,10 +103,10 @@ def solve(
     folder; of a clip, frames.csv and layers.
     """
     required = _required(require)
-    each_alone = region is not None or solver != "auto"
-    if clip.means_clip(images, out, plate.plate, each_alone or occluder is not None):
-        selection, method = Selection(reading, colors, region), _clip_solver(solver, colors)
-        solve_clip(images, plate, out, selection, clip, occluder, method, required, as_json)
+    solver, selection = how.solver, Selection(reading, colors, how.region)
+    if clip.means_clip(images, out, plate.plate, how.of_each_picture):
+        method = _clip_solver(solver, colors)
+        solve_clip(images, plate, out, selection, clip, how.occluder, method, required, as_json)
         return
     from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
 
@@ -107,8 +119,7 @@ def solve(
     method = _solver(solver, colors)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
-    selection = Selection(reading, colors, region)
-    named = plate.plate, region, occluder, *colors.files, reading.noise, reading.transfer
+    named = plate.plate, how.region, how.occluder, *colors.files, reading.noise, reading.transfer
     files = given_files([], *named, solver.partition(":")[2])
     row = PictureRow(pairs, out, files)
     reading = _with_curve(reading, pairs[0][0], plate.plate)
@@ -118,7 +129,7 @@ def solve(
     selection = replace(selection, reading=reading)
     settings = {"selection": repr(selection), "match": plate.match, "solver": solver}
     row, matching = replace(row, settings=settings), matching_of(plate.match)
-    task = _PictureOptions(reading, B, notes, selection, occluder, method, matching)
+    task = _PictureOptions(reading, B, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 

@@ -245,8 +245,7 @@ def save_clip(
         if not work.rows:
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
-        files = _written(run, folder, work, shots)
-        empty = _fill(run, folder, work)
+        files, empty = _written(run, folder, work, shots), _fill(run, folder, work)
         done = tuple(work.records), tuple(shots), tuple(work.problems)
         report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
         write(folder / "report.json", _numbers(run, report))
