@@ -550,7 +550,7 @@ def test_rejects_arrays(paint):
         solve(paint.image.rgb, paint.plate)
     for options, kind in [
         ({"model": Pixelwise()}, "model must be a ColorModel, got Pixelwise"),
-        ({"solver": "smooth"}, "solver must be a Pixelwise or Smooth or Swept or Shaded, got str"),
+        ({"solver": "smooth"}, "solver must be a Solver, got str"),
         ({"streak": paint.image.valid}, "streak must be a Streak, got ndarray"),
         ({"matching": "none"}, "matching must be a Matching, got str"),
     ]:

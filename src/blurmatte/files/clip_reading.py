@@ -175,7 +175,8 @@ def _light(
     when = f" ({time:.2f} s)" if time is not None else ""
     name = f"{clip.path.name} frame {number}{when}"
     curve, readout = clip.encoding.curves[0], clip.orientation.readout
-    meta = Meta(name, curve, 2**clip.bits, time=time, coding=coding, readout=readout)
+    levels = 2**clip.bits
+    meta = Meta(name, curve, levels=levels, time=time, coding=coding, readout=readout)
     return LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
 
 
