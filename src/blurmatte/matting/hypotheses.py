@@ -8,7 +8,7 @@ import numpy as np
 from blurmatte.checks import Array, Box
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative, alternative, listed
-from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
     HypothesisSummary,
@@ -21,6 +21,7 @@ from blurmatte.matting.calibration import (
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
+from blurmatte.matting.mixtures import Mixtures
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.smooth import Smooth
@@ -39,6 +40,9 @@ from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
+# Error of alpha, root mean square over the streak, of a hypothesis that is impossible
+_MAX_CERTAIN_ERROR = GRADE_LIMITS[Grade.PLAUSIBLE][0]
+_IMPOSSIBLE_COST = 1e9  # nats: more than any evidence
 ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
 
 
@@ -83,11 +87,14 @@ class _WeightedHypotheses:
         sweeps = list(case.hypotheses.sweeps)
         if without_shape:
             _LOG.info("solving alpha without a shape")
-        shapeless = _without_shape(case) if without_shape else []
+        mixtures = None if case.is_exact else Mixtures.of(case)
+        shapeless = _without_shape(case, mixtures) if without_shape else []
         evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
         box = case.box_with(sweeps)
         estimates = [_estimate(replace(sweep, opacity_std=0.0), box) for sweep in sweeps]
         estimates += [one.within(box) for one in shapeless]
+        if mixtures is not None:
+            evidence = _of_possible(evidence, [mixtures.shortage(e.alpha, box) for e in estimates])
         return cls(sweeps, shapeless, evidence, hypothesis_weights(evidence), box, estimates)
 
     @property
@@ -191,11 +198,13 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     average = calibrated(average, found.estimates, terms, compressed, exact)
     error, by_opacity = claimed_error(average), found.opacity_error
     by_curve, sum_by_curve = found.curve_error
-    average = replace(
-        average,
-        alpha_std=np.hypot(average.alpha_std, by_curve),
-        sum_std=float(np.hypot(average.sum_std, sum_by_curve)),
-        scale_std=float(np.hypot(average.scale_std, by_opacity)),
+    average = with_bounded_errors(
+        replace(
+            average,
+            alpha_std=np.hypot(average.alpha_std, by_curve),
+            sum_std=float(np.hypot(average.sum_std, sum_by_curve)),
+            scale_std=float(np.hypot(average.scale_std, by_opacity)),
+        )
     )
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
@@ -203,7 +212,8 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
         because = ["duration", *because]
         grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     # The maps have no other place for an error that may be larger than all others.
-    average = replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity * average.alpha))
+    by_opacity *= average.alpha
+    average = with_bounded_errors(replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity)))
     pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
     alternatives = _alternatives(found, average, pictures)
     if case.fitted is not None:
@@ -311,10 +321,27 @@ def _alternatives(
     return listed(alternatives, hypothesis_scores(found.evidence))
 
 
-def _without_shape(case: Case) -> list[_Shapeless]:
-    """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier."""
+def _of_possible(evidence: list[Evidence], certain: list[float]) -> list[Evidence]:
+    """Evidence with none for impossible hypotheses, unless all are.
+
+    certain: errors of alpha that the mixtures prove; more than a plausible one is impossible.
+    """
+    impossible = [error > _MAX_CERTAIN_ERROR for error in certain]
+    if all(impossible):
+        return evidence
+    return [
+        replace(one, cost=one.cost + _IMPOSSIBLE_COST * wrong)
+        for one, wrong in zip(evidence, impossible, strict=True)
+    ]
+
+
+def _without_shape(case: Case, mixtures: Mixtures | None) -> list[_Shapeless]:
+    """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier.
+
+    Where mixtures lie beyond a line, that of the farthest mixture takes its place.
+    """
     assert case.hypotheses is not None
-    if case.is_exact:
+    if mixtures is None:
         return [_shapeless(case)]
     models: dict[int, ColorModel] = {}
     for sweep in case.hypotheses.sweeps:
@@ -322,6 +349,8 @@ def _without_shape(case: Case) -> list[_Shapeless]:
             models.setdefault(sweep.model.rank, sweep.model)
         if sweep.model.rank == 1:
             break
+    if 1 in models and mixtures.excess(models[1].pole) > _MAX_CERTAIN_ERROR:
+        models[1] = mixtures.farthest(models[1].to_srgb) or models[1]
     return [_shapeless(replace(case, model=model)) for model in models.values()]
 
 
