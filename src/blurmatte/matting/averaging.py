@@ -6,8 +6,8 @@ With weights w_k, alphas α_k and their variances V_k,
 
 and the same for the sum of alpha over all pixels.
 
-Alpha is a fraction. One of which nothing is known has the mean 1/2 and the variance 1/12, so its estimate
-a is off by √(1/12 + (a − 1/2)²), root mean square. `as_fraction` gives estimates, and
+Alpha is a fraction. One of which nothing is known has the mean 1/2 and the variance 1/12, so its
+estimate a is off by √(1/12 + (a − 1/2)²), root mean square. `as_fraction` gives estimates, and
 `with_bounded_errors` errors, that do not say less than that.
 """
 

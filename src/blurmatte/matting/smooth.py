@@ -97,8 +97,9 @@ class Smooth(Solver):
     """Solve all pixels of the streak together: alpha is smooth, except at edges.
 
     Alpha is the posterior mean of evidence and prior. Its error is that of simulations with a similar,
-    known truth. Where that error is large, alpha is the mean of a distribution on 0…1. The light follows from image and alpha within the model, so that it keeps the camera's
-    noise and full detail.
+    known truth; where it is large, alpha is the mean of a distribution on 0…1 (`as_fraction`). The
+    light follows from image and alpha within the model, so that it keeps the camera's noise and full
+    detail.
 
     Parameters
     ----------
