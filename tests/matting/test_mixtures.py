@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from blurmatte.matting import solve
 from blurmatte.matting.mixtures import Mixtures
+from blurmatte.rendering import Camera, Change, Scene, Sheet, Shot, plain_plate, render
+from blurmatte.trajectory import Trajectory
 
 RED, BLUE, GRAY = np.array([0.6, 0.06, 0.05]), np.array([0.1, 0.2, 0.7]), np.full(3, 0.45)
 SIZE, STD = (20, 30), 0.003
@@ -68,7 +71,16 @@ def test_alpha_that_leaves_too_much_of_the_plate_is_short():
 def test_a_shadow_is_no_shortage():
     """Half of the light is missing, and no object is there."""
     streak, alpha = mixtures(peak=1e-9, shade=0.5)
+    assert streak.shortage(alpha + 0.03, BOX) < 0.01
+
+
+def test_another_thing_in_the_streak_is_no_shortage():
+    """Alpha is right, but 0 in some rows, where something else moved."""
+    streak, alpha = mixtures()
+    alpha[:3] = 0
     assert streak.shortage(alpha, BOX) < 0.01
+    alpha[:10] = 0.03
+    assert streak.shortage(alpha, BOX) > 0.05
 
 
 def test_few_windows_prove_nothing():
@@ -77,3 +89,21 @@ def test_few_windows_prove_nothing():
     assert few.farthest(None) is None
     assert few.excess(GRAY / np.linalg.norm(GRAY)) == 0
     assert few.shortage(0 * alpha, BOX) == 0
+
+
+@pytest.mark.battery
+def test_stick_that_turns_about_its_end_has_the_color_of_its_pivot():
+    """A red stick before a gray wall: its fan is pink, and its pivot hides the wall."""
+    time, length, size = np.linspace(0, 1, 33), 70, (160, 120)
+    turned = 0.9 * time - 0.6
+    along = np.stack([np.cos(turned), np.sin(turned)], axis=1)
+    path = Trajectory((45, 70) + length / 2 * along, time)
+    change = Change(turned=(0, 0, turned[0]), spin=(0, 0, 0.9))
+    scene = Scene(plain_plate(size, GRAY, 0), path, Sheet(length, 12, RED), change)
+    truth = render(scene)
+    camera = Camera(code_std=2 / 255)
+    solution = solve(*Shot(scene, camera, plate_frames=5, seed=0).photograph(truth))
+    off = solution.alpha - truth.layer.alpha
+    assert np.sqrt(np.mean(off[truth.layer.alpha > 0] ** 2)) < 0.05
+    assert angle(solution.model.mean, RED) < 5
+    assert solution.sweep is None or solution.stats.weights[0] == 0

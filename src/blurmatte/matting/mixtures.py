@@ -94,8 +94,8 @@ class Mixtures:
     def shortage(self, alpha: Floats, box: Box) -> float:
         """The certain error of an alpha (h, w) in a box around the streak: light below 0.
 
-        A shadow takes as much of all channels, so that only what the plate lost beyond the least loss
-        of a channel counts.
+        Where that alpha is 0 something else may have moved. A shadow takes as much of all channels, so
+        that only what the plate lost beyond the least loss of a channel counts.
         """
         from scipy.ndimage import uniform_filter
 
@@ -106,7 +106,8 @@ class Mixtures:
         least = 1 - (self.C + _MIN_CHI * noise) / np.maximum(lit * self.B, 1e-6)
         rows, columns = self.at
         own = uniform_filter(np.nan_to_num(alpha), _WINDOW_PX)[rows - box[1], columns - box[0]]
-        return _root_mean_square(least.max(axis=1) - own - SLACK)
+        there = own > SLACK
+        return _root_mean_square((least.max(axis=1) - own - SLACK)[there])
 
     def farthest(self, to_srgb: Matrix3 | None) -> ColorModel | None:
         """The line through the farthest mixture, if the others are mixtures of it; else None.
@@ -178,4 +179,4 @@ class Mixtures:
 
 def _root_mean_square(beyond: Array) -> float:
     """Of what exceeds 0, over all windows."""
-    return float(np.sqrt(np.mean(np.maximum(beyond, 0) ** 2)))
+    return float(np.sqrt(np.mean(np.maximum(beyond, 0) ** 2))) if beyond.size else 0.0
