@@ -4,7 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.matting.averaging import AlphaEstimate, averaged
+from blurmatte.matting.averaging import (
+    AlphaEstimate,
+    as_fraction,
+    averaged,
+    with_bounded_errors,
+)
 
 
 def estimate(seed, sum_std=1.0, scale_std=0.0):
@@ -89,3 +94,55 @@ def test_unknown_pixels_of_one_hypothesis_are_averaged_over_the_others():
         assert_allclose(average.alpha_std[pixel], B.alpha_std[pixel])
     assert np.isinf(average.alpha_std[4, 6])
     assert_array_equal(np.isfinite(average.alpha_std).sum(), 34)
+
+
+def test_what_is_known_is_no_other_as_a_fraction():
+    """exact: also below 0 and above 1, so that sums stay unbiased."""
+    alpha, std = np.array([[-0.2, 0.0, 0.3, 1.1]]), np.array([[0.14, 0.01, 0.1, 0.05]])
+    for found, given in zip(as_fraction(alpha, std), (alpha, std), strict=True):
+        assert_array_equal(found, given)
+
+
+def test_alpha_of_which_nothing_is_known_is_a_half():
+    """exact: mean and standard deviation of a uniform distribution on 0…1."""
+    alpha, std = as_fraction(np.array([[0.1, np.nan, 1e6]]), np.array([[np.inf, 0.1, 1e9]]))
+    assert_allclose(alpha, 0.5, atol=1e-6)
+    assert_allclose(std, 12**-0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize(("alpha", "std"), [(13.0, 16.0), (3.9, 3.6), (-5.0, 0.3), (40.0, 0.3)])
+def test_alpha_of_little_information_is_a_fraction(alpha, std):
+    """oracle: a normal distribution restricted to 0…1."""
+    (mean,), (spread,) = as_fraction(np.array([alpha]), np.array([std]))
+    x = np.linspace(0, 1, 20_001)
+    density = np.exp(((alpha - np.clip(alpha, 0, 1)) ** 2 - (x - alpha) ** 2) / (2 * std**2))
+    expected = (density @ x) / density.sum()
+    assert_allclose(mean, expected, atol=0.004)
+    assert_allclose(spread, np.sqrt(density @ (x - expected) ** 2 / density.sum()), atol=0.004)
+
+
+@pytest.mark.parametrize("std", [0.16, 0.2, 0.25, 0.3, 0.5, 3.0])
+def test_errors_of_fractions_are_right_on_average(std):
+    """oracle: any alpha on 0…1 is as probable; its error is not larger than before, and as stated."""
+    rng = np.random.default_rng(0)
+    true = rng.uniform(0, 1, 100_000)
+    raw = true + std * rng.standard_normal(len(true))
+    alpha, alpha_std = as_fraction(raw, np.full(len(true), std))
+    off = np.sqrt(np.mean((alpha - true) ** 2))
+    assert off < min(std, 0.29)
+    assert 0.85 < off / np.sqrt(np.mean(alpha_std**2)) < 1.02
+    assert_allclose(alpha.mean(), 0.5, atol=0.005)
+
+
+def test_bounded_errors_are_those_of_a_fraction_at_most():
+    """exact: errors that are smaller stay."""
+    alpha, std = np.array([[0.0, 0.5, 1.0, 0.2]]), np.array([[9.0, 9.0, 0.01, 9.0]])
+    found = with_bounded_errors(AlphaEstimate(alpha, std, 507.0, 4.0))
+    expected = [[3**-0.5, 12**-0.5, 0.01, np.sqrt(1 / 12 + 0.09)]]
+    assert_allclose(found.alpha_std, expected)
+    assert_allclose(found.sum_std, found.alpha_std.sum())
+    assert_allclose(found.scale_std, 3**-0.5)
+    assert_array_equal(found.alpha, alpha)
+    known = with_bounded_errors(A)
+    assert_array_equal(known.alpha_std, A.alpha_std)
+    assert (known.sum_std, known.scale_std) == (A.sum_std, A.scale_std)

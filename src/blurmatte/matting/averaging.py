@@ -5,16 +5,23 @@ With weights w_k, alphas α_k and their variances V_k,
     α = Σ w_k α_k,    Var α = Σ w_k (V_k + (α_k − α)²),
 
 and the same for the sum of alpha over all pixels.
+
+Alpha is a fraction. One of which nothing is known has the mean 1/2 and the variance 1/12, so its
+estimate a is off by √(1/12 + (a − 1/2)²), root mean square. `as_fraction` gives estimates, and
+`with_bounded_errors` errors, that do not say less than that.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from blurmatte.checks import Array, Floats
 
 MIN_WEIGHT = 1e-3  # of an averaged hypothesis
+
+_UNKNOWN_STD = 12**-0.5  # of a fraction of which nothing is known
+_NODES = 24  # of the integrals over a fraction; normal densities there are wider than 0.14
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,4 +62,66 @@ def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimat
         np.where(total > 0, np.sqrt(variance), np.inf),
         float(np.sqrt(of_sum)),
         float(np.sqrt(weights @ scales**2)),
+    )
+
+
+def as_fraction(alpha: Floats, alpha_std: Floats) -> tuple[Floats, Floats]:
+    """Mean and standard deviation of alpha, which is a fraction.
+
+    With s from half of u = 1/√12 to u, an estimate a ± s is replaced in part, and beyond u wholly, by
+    the mean m and the variance v of a normal distribution about a that is restricted to 0…1:
+
+        α = (1 − w) a + w m,    Var α = (1 − w) s² + w v + w (1 − w) (a − m)²,    w = 2s/u − 1 in 0…1.
+
+    Smaller errors leave a as it is, also below 0 and above 1: where alpha is 0, noise of variance s²
+    raises m by 0.9 s on average, and with it every sum, while the mean of a is right. There the
+    restriction would not help either: 0…1 is then wider than ±√12 s. Where s is larger, the data say
+    little more than that alpha is a fraction, and a mostly shows noise.
+
+    alpha, alpha_std (h, w): any numbers; an error that is not finite says that nothing is known.
+    """
+    silent = ~((alpha_std <= _UNKNOWN_STD / 2) & np.isfinite(alpha))
+    if not silent.any():
+        return alpha, alpha_std
+    a, s = (np.asarray(values[silent], float) for values in (alpha, alpha_std))
+    s = np.where(np.isfinite(a) & np.isfinite(s), s, np.inf)
+    a = np.where(np.isfinite(s), a, 0.5)
+    w = np.clip(2 * s / _UNKNOWN_STD - 1, 0, 1)
+    m, v = _restricted(a, s)
+    own = np.where(w < 1, s, 0)
+    mean = (1 - w) * a + w * m
+    variance = (1 - w) * own**2 + w * v + w * (1 - w) * (a - m) ** 2
+    alpha, alpha_std = alpha.copy(), alpha_std.copy()
+    alpha[silent], alpha_std[silent] = mean, np.sqrt(variance)
+    return alpha, alpha_std
+
+
+def _restricted(a: Array, s: Array) -> tuple[Array, Array]:
+    """Mean and variance (n,) of normal distributions about a ± s restricted to 0…1."""
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    x = (nodes + 1) / 2
+    chi2 = ((x - a[:, None]) / s[:, None]) ** 2
+    density = weights * np.exp(-0.5 * (chi2 - chi2.min(axis=1, keepdims=True)))
+    density /= density.sum(axis=1, keepdims=True)
+    mean = density @ x
+    return mean, np.maximum(density @ x**2 - mean**2, 0)
+
+
+def with_bounded_errors(estimate: AlphaEstimate) -> AlphaEstimate:
+    """An estimate whose errors are not larger than those of fractions of which nothing is known.
+
+    Alpha stays. The error of a common factor is bounded at the pixel of the largest alpha, and that of
+    the sum by the sum of the errors, which it has if all pixels err alike.
+    """
+    known = np.isfinite(estimate.alpha) & np.isfinite(estimate.alpha_std)
+    alpha = np.where(known, estimate.alpha, 0)
+    limit = np.sqrt(_UNKNOWN_STD**2 + (alpha - 0.5) ** 2)
+    std = np.where(known, np.minimum(estimate.alpha_std, limit), estimate.alpha_std)
+    at = int(np.argmax(alpha))
+    peak, of_peak = float(alpha.flat[at]), float(limit.flat[at])
+    return replace(
+        estimate,
+        alpha_std=std,
+        sum_std=min(estimate.sum_std, float(std[known].sum())),
+        scale_std=min(estimate.scale_std, of_peak / peak) if peak > 0 else estimate.scale_std,
     )

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from blurmatte.checks import Array, Bools
-from blurmatte.matting.averaging import AlphaEstimate
+from blurmatte.matting.averaging import AlphaEstimate, with_bounded_errors
 from blurmatte.matting.maps import Grade
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
@@ -206,7 +206,7 @@ def graded_alone(
     factor = fitted_calibration().solver_factor(solver, file_class, exact_color)
     claim, scale = claimed_error(estimate), factor * estimate.scale_std
     stds = factor * np.asarray(estimate.alpha_std, float), factor * estimate.sum_std
-    grade, error = graded(AlphaEstimate(estimate.alpha, *stds, scale))
+    grade, error = graded(with_bounded_errors(AlphaEstimate(estimate.alpha, *stds, scale)))
     causes = {
         "noise": claim > GRADE_LIMITS[Grade.CONFIRMED][0],
         "file": compressed,

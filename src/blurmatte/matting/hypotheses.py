@@ -2,13 +2,14 @@
 
 import logging
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 
 from blurmatte.checks import Array, Box
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative, alternative, listed
-from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
     HypothesisSummary,
@@ -21,6 +22,7 @@ from blurmatte.matting.calibration import (
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
+from blurmatte.matting.mixtures import Mixtures
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.smooth import Smooth
@@ -39,6 +41,7 @@ from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
+_IMPOSSIBLE_COST = 1e9  # nats, more than evidence ever differs by
 ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
 
 
@@ -72,7 +75,8 @@ class _WeightedHypotheses:
     sweeps: list[Sweep]
     shapeless: list[_Shapeless]
     evidence: list[Evidence]
-    weights: Array  #: (n,); they sum to 1
+    possible: list[bool]  #: whether the mixtures of the streak permit it
+    weights: Array  #: (n,); they sum to 1, and are 0 of what is impossible
     box: Box
     estimates: list[AlphaEstimate]  #: of all, in the box
 
@@ -80,15 +84,25 @@ class _WeightedHypotheses:
     def of(cls, case: Case, without_shape: bool) -> "_WeightedHypotheses":
         """Sweeps of a case, and perhaps hypotheses without a shape."""
         assert case.hypotheses is not None
-        sweeps = list(case.hypotheses.sweeps)
-        if without_shape:
-            _LOG.info("solving alpha without a shape")
-        shapeless = _without_shape(case) if without_shape else []
-        evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
+        sweeps, mixtures = list(case.hypotheses.sweeps), Mixtures.of(case)
         box = case.box_with(sweeps)
         estimates = [_estimate(replace(sweep, opacity_std=0.0), box) for sweep in sweeps]
+        possible = [mixtures.permit(one.alpha, box) for one in estimates]
+        shapeless: list[_Shapeless] = []
+        if without_shape:
+            _LOG.info("solving alpha without a shape")
+            shapeless = _without_shape(case, mixtures, possible)
+        evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
         estimates += [one.within(box) for one in shapeless]
-        return cls(sweeps, shapeless, evidence, hypothesis_weights(evidence), box, estimates)
+        possible += [mixtures.permit(one.alpha, box) for one in estimates[len(sweeps) :]]
+        if case.is_exact or not any(possible):
+            possible = [True] * len(estimates)
+        evidence = [
+            one if permitted else replace(one, cost=one.cost + _IMPOSSIBLE_COST)
+            for one, permitted in zip(evidence, possible, strict=True)
+        ]
+        weights = hypothesis_weights(evidence)
+        return cls(sweeps, shapeless, evidence, possible, weights, box, estimates)
 
     @property
     def all(self) -> list[Sweep | _Shapeless]:
@@ -132,6 +146,18 @@ class _WeightedHypotheses:
         weights = self.weights[: len(pairs)]
         alpha, total = (np.array(values) for values in zip(*pairs, strict=True))
         return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
+
+    def with_open_errors(self, average: AlphaEstimate) -> AlphaEstimate:
+        """A calibrated average with the errors of curve and opacity; none beyond that of a fraction."""
+        by_curve, sum_by_curve = self.curve_error
+        return with_bounded_errors(
+            replace(
+                average,
+                alpha_std=np.hypot(average.alpha_std, by_curve),
+                sum_std=float(np.hypot(average.sum_std, sum_by_curve)),
+                scale_std=float(np.hypot(average.scale_std, self.opacity_error)),
+            )
+        )
 
     @property
     def duration_is_open(self) -> bool:
@@ -186,24 +212,22 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     exact = case.is_exact
-    terms = error_terms(average, found.estimates, found.summaries, diagnostics, exact)
+    # What is impossible says nothing about the error of the rest.
+    estimates = list(compress(found.estimates, found.possible))
+    summaries = list(compress(found.summaries, found.possible))
+    terms = error_terms(average, estimates, summaries, diagnostics, exact)
     claim, compressed = claimed_error(average), case.is_compressed
-    average = calibrated(average, found.estimates, terms, compressed, exact)
-    error, by_opacity = claimed_error(average), found.opacity_error
-    by_curve, sum_by_curve = found.curve_error
-    average = replace(
-        average,
-        alpha_std=np.hypot(average.alpha_std, by_curve),
-        sum_std=float(np.hypot(average.sum_std, sum_by_curve)),
-        scale_std=float(np.hypot(average.scale_std, by_opacity)),
-    )
+    average = calibrated(average, estimates, terms, compressed, exact)
+    error = claimed_error(average)
+    average = found.with_open_errors(average)
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
     if found.duration_is_open:
         because = ["duration", *because]
         grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     # The maps have no other place for an error that may be larger than all others.
-    average = replace(average, alpha_std=np.hypot(average.alpha_std, by_opacity * average.alpha))
+    alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
+    average = with_bounded_errors(replace(average, alpha_std=alpha_std))
     pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
     alternatives = _alternatives(found, average, pictures)
     if case.fitted is not None:
@@ -311,16 +335,23 @@ def _alternatives(
     return listed(alternatives, hypothesis_scores(found.evidence))
 
 
-def _without_shape(case: Case) -> list[_Shapeless]:
-    """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier."""
+def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list[_Shapeless]:
+    """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier.
+
+    Where mixtures lie beyond the line, or disprove the sweep that it is from, the line through the
+    farthest mixture takes its place. possible: for each sweep.
+    """
     assert case.hypotheses is not None
     if case.is_exact:
         return [_shapeless(case)]
     models: dict[int, ColorModel] = {}
-    for sweep in case.hypotheses.sweeps:
-        if sweep.model.rank < 3:
-            models.setdefault(sweep.model.rank, sweep.model)
-        if sweep.model.rank == 1:
+    for sweep, permitted in zip(case.hypotheses.sweeps, possible, strict=True):
+        model = sweep.model
+        if model.rank < 3 and model.rank not in models:
+            if model.rank == 1 and not (permitted and mixtures.reach(model.pole)):
+                model = mixtures.farthest(model.to_srgb) or model
+            models[model.rank] = model
+        if model.rank == 1:
             break
     return [_shapeless(replace(case, model=model)) for model in models.values()]
 

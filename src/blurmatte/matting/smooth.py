@@ -17,6 +17,7 @@ import numpy as np
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
+from blurmatte.matting.averaging import as_fraction
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.evidence import (
     FirstEstimate,
@@ -96,8 +97,9 @@ class Smooth(Solver):
     """Solve all pixels of the streak together: alpha is smooth, except at edges.
 
     Alpha is the posterior mean of evidence and prior. Its error is that of simulations with a similar,
-    known truth. The light follows from image and alpha within the model, so that it keeps the camera's
-    noise and full detail.
+    known truth; where it is large, alpha is the mean of a distribution on 0…1 (`as_fraction`). The
+    light follows from image and alpha within the model, so that it keeps the camera's noise and full
+    detail.
 
     Parameters
     ----------
@@ -165,11 +167,14 @@ class Smooth(Solver):
         fit = self._fit(pixels)
         variance, of_sum = self._with_error(fit)
         _warn_unless_converged(fit.field)
-        alpha, alpha_std = _inner(fit.field.x), np.sqrt(_inner(variance))
+        raw_std = np.sqrt(_inner(variance))
+        alpha, alpha_std = as_fraction(_inner(fit.field.x), raw_std)
         self._write(maps.within(box), alpha, alpha_std, pixels, image)
+        maps.within(box).quality[inside] |= alpha_flags(alpha, raw_std, self.max_alpha_std)[inside]
+        sum_std = min(float(np.sqrt(of_sum)), float(alpha_std[inside].sum(dtype=float)))
         prior, field = fit.prior, fit.field
         summary = SmoothSummary(prior.order, prior.scale, field.steps, field.converged)
-        return float(np.sqrt(of_sum)), summary
+        return sum_std, summary
 
     def _write(
         self,
@@ -179,7 +184,7 @@ class Smooth(Solver):
         pixels: PixelPairs,
         image: LinearImage,
     ) -> None:
-        """Write alpha, light and quality inside the streak."""
+        """Write alpha, light, and the quality that does not depend on them, inside the streak."""
         inside = pixels.inside
         P, P_std, _ = light_given(alpha, alpha_std, pixels.model, image, pixels.wide)
         hidden = has_flag(maps.quality, Quality.OCCLUDED)
@@ -187,8 +192,7 @@ class Smooth(Solver):
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             np.copyto(target.T, values.T, "same_kind", inside.T)
         kept = np.uint8(Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT)
-        flags = maps.quality & kept | alpha_flags(alpha, alpha_std, self.max_alpha_std)
-        maps.quality[inside] = flags[inside]
+        maps.quality[inside] &= kept
 
     def _fit(self, pixels: PixelPairs) -> _SmoothAlpha:
         """Fit alpha, from a first estimate to the finest level."""
