@@ -288,20 +288,17 @@ def _fit_before(
     observation, candidates = search.observation, [_with_opacity(c) for c in candidates]
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
-    compared, with_curves = [], list[Observation]()
-    if image.meta.transfer_assumed:
-        pairs = with_unstated_curves(image, plate)
-        with_curves = [search_in(streak, *pair).observation for pair in pairs]
-    for candidate, known, weight in zip(candidates, evidence, weights, strict=True):
-        if weight > _MIN_REFINED_WEIGHT:
-            sweep, known = _refined(candidate, known, image, search)
-            sweep = _with_curve_error(sweep, candidate, with_curves, search.bounds)
-            compared.append((sweep, known))
-        else:
-            compared.append((sweep_of(candidate, image), known))
+    compared = [
+        _refined(candidate, known, image, search)
+        if weight > _MIN_REFINED_WEIGHT
+        else (sweep_of(candidate, image), known)
+        for candidate, known, weight in zip(candidates, evidence, weights, strict=True)
+    ]
     order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
-    kept = _distinct([compared[i] for i in order])
-    sweeps, evidences = zip(*kept, strict=True)
+    kept = _distinct([(*compared[i], candidates[i]) for i in order])
+    sweeps, evidences, fitted = zip(*kept, strict=True)
+    if image.meta.transfer_assumed:
+        sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
     return Hypotheses(observation, sweeps, evidences, plate, streak)
 
 
@@ -457,29 +454,32 @@ def _refined(
     return refined, evidence
 
 
-def _with_curve_error(
-    sweep: Sweep,
-    candidate: Candidate,
-    with_curves: Sequence[Observation],
-    bounds: tuple[float, float],
-) -> Sweep:
-    """The sweep of a candidate with the error of a transfer curve, if it was assumed.
-
-    with_curves: of `curve_covariance`; empty if the curve is stated.
-    """
-    if not with_curves:
-        return sweep
-    state, cast = candidate.state, candidate.cast
-    known = state.observation
-    observations = [
-        replace(one.raised(known.noise_inflation / one.noise_inflation), color=known.color)
-        for one in with_curves
-    ]
-    if cast is not None:
-        observations = [in_shadow(one, state, cast) for one in observations]
-    by_curve = curve_covariance(state, observations, bounds)
-    n = len(sweep.covariance)  # without a blur of the rim that is the file's
-    return replace(sweep, curve_covariance=by_curve[:n, :n])
+def _with_curve_errors(
+    sweeps: Sequence[Sweep],
+    evidence: Sequence[Evidence],
+    candidates: Sequence[Candidate],
+    image: LinearImage,
+    search: Multistart,
+) -> tuple[Sweep, ...]:
+    """The sweeps of candidates with the error of the image's transfer curve, which was assumed."""
+    assert image.meta.transfer is not None
+    others = with_unstated_curves(search.observation, image.meta.transfer)
+    found = []
+    for sweep, weight, candidate in zip(
+        sweeps, hypothesis_weights(list(evidence)), candidates, strict=True
+    ):
+        state, cast = candidate.state, candidate.cast
+        if weight > _MIN_REFINED_WEIGHT:
+            known = state.observation
+            by = known.noise_inflation / search.observation.noise_inflation
+            decoded = [replace(one.raised(by), color=known.color) for one in others]
+            if cast is not None:
+                decoded = [in_shadow(one, state, cast) for one in decoded]
+            by_curve = curve_covariance(state, decoded, search.bounds)
+            n = len(sweep.covariance)  # without a blur of the rim that is the file's
+            sweep = replace(sweep, curve_covariance=by_curve[:n, :n])
+        found.append(sweep)
+    return tuple(found)
 
 
 def _other_shapes(
@@ -496,15 +496,15 @@ def _other_shapes(
 
 
 def _distinct(
-    compared: Sequence[tuple[Sweep, Evidence]],
-) -> list[tuple[Sweep, Evidence]]:
+    compared: Sequence[tuple[Sweep, Evidence, Candidate]],
+) -> list[tuple[Sweep, Evidence, Candidate]]:
     """Without duplicates: paths of one family with nearly the same alpha as a likelier hypothesis."""
-    kept: list[tuple[Sweep, Evidence]] = []
+    kept: list[tuple[Sweep, Evidence, Candidate]] = []
     smallest = _MIN_ALPHA_DIFFERENCE
-    for sweep, evidence in compared:
-        alike = (one for one, _ in kept if one.family is sweep.family)
+    for sweep, evidence, candidate in compared:
+        alike = (one for one, *_ in kept if one.family is sweep.family)
         if not any(one.rms_difference(sweep) < smallest for one in alike):
-            kept.append((sweep, evidence))
+            kept.append((sweep, evidence, candidate))
     return kept
 
 

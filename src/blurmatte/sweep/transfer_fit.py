@@ -14,7 +14,7 @@ from blurmatte.checks import Array, check_kind
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, check_picture, gamma
 from blurmatte.streaks import Streak, check_streak, require_streaks
-from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.fitting_size import FittingSize
@@ -133,18 +133,8 @@ def with_curve(
     return with_noise(_decoded_again(image, curve), _decoded_again(plate, curve))
 
 
-def with_unstated_curves(
-    image: LinearImage, plate: LinearImage
-) -> list[tuple[LinearImage, LinearImage]]:
-    """Image and plate decoded with the curve that was assumed, then with the others it may have."""
-    assumed = image.meta.transfer
-    assert assumed is not None
-    others = (curve for curve in UNSTATED_CURVES if curve.name != assumed.name)
-    return [with_curve(image, plate, curve) for curve in (assumed, *others)]
-
-
 def curve_covariance(
-    state: State, observations: Sequence[Observation], bounds: tuple[float, float]
+    state: State, others: Sequence[Observation], bounds: tuple[float, float]
 ) -> Array:
     """Covariance of path and shape by the curve of an image that does not state it.
 
@@ -157,8 +147,8 @@ def curve_covariance(
     ----------
     state : State
         Fitted with the assumed curve.
-    observations : sequence of Observation
-        Of the pictures of `with_unstated_curves`.
+    others : sequence of Observation
+        The same pixels decoded with other curves; see `with_unstated_curves`.
     bounds : (float, float)
         Of the radius, pixels.
 
@@ -166,14 +156,47 @@ def curve_covariance(
     -------
     (n, n) float
     """
-    first, *others = (minimize(state.on(observation), bounds) for observation in observations)
+    first = minimize(state, bounds, tolerance=ROUGH_TOLERANCE)
     limit = _MAX_INFLATION_RATIO * variance_inflation(first)
     changes = [np.zeros(first.size)]
-    for other in others:
+    for observation in others:
+        other = minimize(first.relit(observation), bounds, tolerance=ROUGH_TOLERANCE)
         if variance_inflation(other) <= limit:
             changes.append(np.concatenate([other.path - first.path, other.shape - first.shape]))
     D = np.array(changes)
     return np.asarray(D.T @ D / len(D))
+
+
+def with_unstated_curves(observation: Observation, assumed: Transfer) -> list[Observation]:
+    """An observation decoded with each other curve that pictures without a stated one may have."""
+    others = (curve for curve in UNSTATED_CURVES if curve.name != assumed.name)
+    return [_decoded_with(curve, observation, assumed) for curve in others]
+
+
+def _decoded_with(curve: Transfer, observation: Observation, assumed: Transfer) -> Observation:
+    """An observation of pictures decoded with another curve than the assumed one.
+
+    Noise and errors of color, being small, are multiplied by the slope of the change. It is smoothed
+    as noise is, which must not depend on that of its own pixel.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    def decoded(light: Array) -> tuple[Array, Array]:
+        """The light, and the slope of its change."""
+        again = np.asarray(curve.decode(assumed.encode(light)), float)
+        slope = np.maximum(curve.slope(again), 1e-6) / np.maximum(assumed.slope(light), 1e-6)
+        return np.ascontiguousarray(again), np.asarray(gaussian_filter(slope, (2.0, 2.0, 0)))
+
+    (C, of_image), (B, of_plate) = decoded(observation.C), decoded(observation.B)
+    error = observation.chroma_error
+    return replace(
+        observation,
+        C=C,
+        B=B,
+        C_variance=of_image**2 * observation.C_variance,
+        B_variance=of_plate**2 * observation.B_variance,
+        chroma_error=None if error is None else of_image * error,
+    )
 
 
 def _decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:

@@ -85,6 +85,7 @@ class Grid:
     number: npt.NDArray[np.int64]  # number of each node, −1 where there is none
     neighbors: npt.NDArray[np.int64]  # pairs of adjacent nodes, the lower number first
     width: int  # of the lower band of a matrix that couples nodes of one cell
+    size: int  # number of nodes
 
     @classmethod
     def over(cls, alpha: Array, pitch: float) -> "Grid":
@@ -92,31 +93,13 @@ class Grid:
         h, w = alpha.shape
         number = np.full((int(h / pitch) + 2, int(w / pitch) + 2), -1, np.int64)
         color_field_kernel.touched(alpha, pitch, number)
-        if h > w:  # nodes are numbered along the shorter side, which makes the band narrow
-            number[number == 0] = np.arange(np.count_nonzero(number == 0))
-        else:
-            number.T[number.T == 0] = np.arange(np.count_nonzero(number == 0))
-        straight = [_pairs(number[:, :-1], number[:, 1:]), _pairs(number[:-1], number[1:])]
-        diagonal = [
-            _pairs(number[:-1, :-1], number[1:, 1:]),
-            _pairs(number[:-1, 1:], number[1:, :-1]),
-        ]
-        apart = [int(np.max(b - a, initial=0)) for a, b in (*straight, *diagonal)]
-        return cls(pitch, number, np.concatenate(straight, axis=1), 1 + max(apart))
-
-    @property
-    def size(self) -> int:
-        """Number of nodes."""
-        return int(self.number.max()) + 1
+        neighbors, apart, size = color_field_kernel.numbered(number)
+        return cls(pitch, number, neighbors, 1 + apart, size)
 
     def differences(self) -> Array:
         """(width, size) lower band of the matrix of the sum of squared differences of neighbors."""
-        band = np.zeros((self.width, self.size))
-        i, j = self.neighbors
-        np.add.at(band[0], i, 1)
-        np.add.at(band[0], j, 1)
-        band[j - i, i] = -1
-        return band
+        band = color_field_kernel.squared_differences(self.neighbors, self.width, self.size)
+        return np.asarray(band)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,8 +170,3 @@ def fit_field(
     )
     field = ColorField(grid, colors, prior, float(cost), mean, mean_std, spread, change, color.rank)
     return field, e
-
-
-def _pairs(a: npt.NDArray[np.int64], b: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-    both = (a >= 0) & (b >= 0)
-    return np.sort(np.stack([a[both], b[both]]), axis=0)

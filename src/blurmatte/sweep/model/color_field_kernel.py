@@ -22,6 +22,53 @@ def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
 
 
 @njit()
+def numbered(number):  # type: ignore[no-untyped-def]
+    """Number the nodes that are 0 along the shorter side, and return the pairs of adjacent ones.
+
+    The pairs (2, m) have the lower number first. Then the largest difference of the numbers of two
+    nodes of one cell, and the number of nodes.
+    """
+    rows, columns = number.shape
+    n, m, apart = 0, 0, 0
+    if rows > columns:
+        for j in range(rows):
+            for i in range(columns):
+                if number[j, i] == 0:
+                    number[j, i] = n
+                    n += 1
+    else:
+        for i in range(columns):
+            for j in range(rows):
+                if number[j, i] == 0:
+                    number[j, i] = n
+                    n += 1
+    pairs = np.empty((2, 2 * n), np.int64)
+    for down, right, adjacent in ((0, 1, True), (1, 0, True), (1, 1, False), (1, -1, False)):
+        for j in range(rows - down):
+            for i in range(max(-right, 0), columns - max(right, 0)):
+                a, b = number[j, i], number[j + down, i + right]
+                if a < 0 or b < 0:
+                    continue
+                apart = max(apart, abs(b - a))
+                if adjacent:
+                    pairs[0, m], pairs[1, m] = min(a, b), max(a, b)
+                    m += 1
+    return pairs[:, :m].copy(), apart, n
+
+
+@njit()
+def squared_differences(neighbors, width, n):  # type: ignore[no-untyped-def]
+    """Lower band (width, n) of the matrix of the sum of squared differences of neighbors (2, m)."""
+    band = np.zeros((width, n))
+    for p in range(neighbors.shape[1]):
+        i, j = neighbors[0, p], neighbors[1, p]
+        band[0, i] += 1
+        band[0, j] += 1
+        band[j - i, i] = -1
+    return band
+
+
+@njit()
 def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
     """Write the four nodes around a pixel, and the values of their hats."""
     j, i = int(y / pitch), int(x / pitch)
@@ -72,17 +119,22 @@ def _weights_at(at, weight):  # type: ignore[no-untyped-def]
 @njit()
 def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped-def]
     """Add the normal equations of pixels, as `seen` has them, of weight (n,)."""
+    pull, known = np.empty(3), np.empty(3)
     for k in range(len(weight)):
         if weight[k] == 0:
             continue
         for c in range(3):
-            pull, known = weight[k] * sharp[k, c] * P[k, c], weight[k] * sharp[k, c] ** 2
-            for i in range(4):
-                node, of_node = nodes[k, i], known * hats[k, i]
-                right[c, node] += pull * hats[k, i]
-                for j in range(4):
-                    if nodes[k, j] <= node:
-                        band[c, node - nodes[k, j], nodes[k, j]] += of_node * hats[k, j]
+            pull[c], known[c] = weight[k] * sharp[k, c] * P[k, c], weight[k] * sharp[k, c] ** 2
+        for i in range(4):
+            node, hat = nodes[k, i], hats[k, i]
+            for c in range(3):
+                right[c, node] += pull[c] * hat
+            for j in range(i + 1):
+                other, by = nodes[k, j], hats[k, j]
+                low, apart = min(node, other), abs(node - other)
+                of_low, of_high = (by, hat) if other <= node else (hat, by)
+                for c in range(3):
+                    band[c, apart, low] += known[c] * of_high * of_low
 
 
 @njit()
