@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from PIL import Image
+from tests.sweep.scenes import BALL, observed
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -12,6 +14,7 @@ from blurmatte.errors import PlateError, TransferWarning
 from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, decode, gamma
 from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate, render
 from blurmatte.sweep import TransferFit, fit_sweep, fit_transfer
+from blurmatte.sweep.transfer_fit import with_unstated_curves
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -119,3 +122,14 @@ def test_a_stated_curve_is_no_error():
     added = guess.covariance - stated.covariance
     assert np.linalg.eigvalsh(added).min() > -1e-9
     assert 2 < guess.radius_std / stated.radius_std < 100
+
+
+def test_pixels_are_decoded_with_other_curves_as_the_pictures_would_be():
+    known = observed(BALL, seed=2)
+    other = with_unstated_curves(known, SRGB)[0]
+    codes = SRGB.encode(known.C)
+    assert_allclose(other.C, REC709.decode(codes), atol=1e-9)
+    by_noise = REC709.decode(codes + 0.005) - REC709.decode(codes - 0.005)
+    without = SRGB.decode(codes + 0.005) - SRGB.decode(codes - 0.005)
+    ratio = np.sqrt(other.C_variance / known.C_variance)
+    assert_allclose(ratio.mean(), (by_noise / without).mean(), rtol=0.02)

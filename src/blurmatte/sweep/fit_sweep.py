@@ -45,7 +45,7 @@ from blurmatte.sweep.fit.residuals import (
     residual_excess,
     variance_inflation,
 )
-from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
+from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
@@ -486,7 +486,10 @@ def _other_shapes(
     search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> list[Candidate]:
     """An outline, and the disc with its shadow if there is one, of constant size and growing."""
-    found = [Candidate(fit_outline(disc))]
+    outline = fit_outline(disc)
+    found = [Candidate(outline)]
+    if _is_explained_by(outline) and not may_be_shaded(disc, outline):
+        return found
     shaded = _with_shadow(search, disc, image, plate, streak)
     if shaded is not None:
         state, cast = shaded

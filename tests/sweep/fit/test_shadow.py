@@ -10,11 +10,21 @@ from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Ball, Scene, Shadow, Shot, plain_plate, render, textured_plate
+from blurmatte.rendering import (
+    Ball,
+    Change,
+    Scene,
+    Shadow,
+    Shot,
+    plain_plate,
+    render,
+    textured_plate,
+)
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart, start_along
-from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow, in_shadow
+from blurmatte.sweep.fit.residuals import variance_inflation
+from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow, in_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
@@ -116,3 +126,18 @@ def test_in_shadow_changes_the_plate_alone():
     assert shaded.B_variance is observation.B_variance
     assert np.all(shaded.B <= observation.B)
     assert np.any(shaded.B < 0.8 * observation.B)
+
+
+@pytest.mark.parametrize(
+    ("scene", "shaded"),
+    [
+        (BALL, True),
+        (replace(BALL, shadow=None, change=Change(squash=(1.5, 1.5), squash_angle=0.6)), False),
+    ],
+)
+def test_a_shadow_could_be_as_likely_as_an_outline_only_where_there_is_one(scene, shaded):
+    _, observation = observed(scene, seed=5)
+    disc = minimize(true_disc(observation), BOUNDS)
+    outline = minimize(disc.of_kind(replace(disc.silhouette, order=2)), BOUNDS)
+    assert (variance_inflation(outline) > 1.2) == shaded
+    assert may_be_shaded(disc, outline) == shaded

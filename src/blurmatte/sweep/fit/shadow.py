@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.checks import Array
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
 from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
@@ -61,6 +62,25 @@ def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow]
             break
         best, cast = found
     return (best, cast) if cast.is_possible and best.cost < disc.cost else None
+
+
+def may_be_shaded(disc: State, outline: State) -> bool:
+    """Whether a shadow of a disc could make it as likely as an outline that explains the streak.
+
+    A score test: what a shadow gains where the disc is, and then one linearized step of the disc, whose
+    predicted gain mostly exceeds its own, against the outline's gain and the price of the parameters.
+    It holds only where the outline leaves no residuals: a shadow that the outline could not follow may
+    have moved the disc too far for one step.
+    """
+    plain = disc.observation.coarse_enough(float(disc.shape[0]), _COARSE_RADIUS_PX)
+    alone, other = disc.on(plain), outline.on(plain)
+    cast = fit_cast(plain, alone)
+    shaded = with_principal_axes(alone.relit(in_shadow(plain, alone, cast)))
+    H, g = shaded.information()
+    gain = alone.cost - shaded.cost + float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
+    fewer = outline.size - disc.size - CastShadow.size
+    needed = (alone.cost - other.cost) / variance_inflation(other) - bic_penalty(plain, fewer)
+    return gain / variance_inflation(other) > needed - DECISIVE_LOG_BAYES_FACTOR
 
 
 def _in_one_half(both: State) -> tuple[State, CastShadow]:
