@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.background.alignment import (
     Alignment,
@@ -79,8 +80,6 @@ def _frequencies(level: ComparedPair, axis: int) -> Array:
 
 def refined(level: ComparedPair, start: Alignment, axis: int, frequency: float) -> float:
     """The most likely frequency of one harmonic near another; level and start are without bands."""
-    from scipy.optimize import minimize_scalar
-
     reach = PERIOD_STEP / MIN_PERIODS * _frequencies(level, axis)[0]
     rough = fit_bands(level, start, axis, frequency, 1)
 
@@ -90,7 +89,9 @@ def refined(level: ComparedPair, start: Alignment, axis: int, frequency: float) 
         return float(log_likelihood_gains(fit, rough).sum())
 
     bounds = frequency - reach, frequency + reach
-    found = minimize_scalar(cost, bounds=bounds, method="bounded", options={"xatol": 0.01 * reach})
+    found = scipy.optimize.minimize_scalar(
+        cost, bounds=bounds, method="bounded", options={"xatol": 0.01 * reach}
+    )
     return float(found.x)
 
 

@@ -25,6 +25,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.color.model import perpendicular
@@ -258,8 +259,6 @@ def _refined(
     evidence: EvidenceKinds, pixels: StreakPixels, start: Array, reach: float
 ) -> tuple[Array, float]:
     """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees."""
-    from scipy.optimize import minimize
-
     tangent = perpendicular(start)
 
     def cost(x: Array) -> float:
@@ -269,7 +268,7 @@ def _refined(
 
     simplex = np.radians(reach) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
     options = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-4}
-    found = minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
+    found = scipy.optimize.minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
     return unit(start + tangent @ found.x), float(found.fun)
 
 

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Floats
 from blurmatte.errors import ColorModelError
@@ -331,8 +332,6 @@ def _residual(samples: Array, pole: Array, rank: int) -> Array:
 
 def _inliers(samples: Array, rank: int) -> Array:
     """Samples within four standard deviations of a robust multistart fit."""
-    from scipy.optimize import least_squares
-
     strong = samples[np.argsort(-np.linalg.norm(samples, axis=1))]
     picks = strong[np.linspace(0, len(strong) - 1, min(12, len(strong))).astype(int)]
     if rank == 1:
@@ -353,7 +352,9 @@ def _inliers(samples: Array, rank: int) -> Array:
             return _residual(samples, moved / np.linalg.norm(moved), rank)
 
         spread = max(float(np.median(np.abs(residual(np.zeros(2))))), 1e-9)
-        found = residual(least_squares(residual, np.zeros(2), loss="cauchy", f_scale=spread).x)
+        found = residual(
+            scipy.optimize.least_squares(residual, np.zeros(2), loss="cauchy", f_scale=spread).x
+        )
         if np.median(np.abs(found)) < least:
             best, least = found, float(np.median(np.abs(found)))
     distance = np.abs(best).reshape(len(samples), -1).max(axis=1)

@@ -12,6 +12,7 @@ so that texture of the object counts as noise.
 from collections.abc import Callable
 
 import numpy as np
+import scipy
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Bools, check_same_size
@@ -99,8 +100,6 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
     MotionError
         If no streak was given and nothing moved.
     """
-    from scipy import ndimage
-
     check_same_size("image", image.size, "plate", plate.size)
     image, plate = with_noise(image, plate)
     if streak is None:
@@ -108,7 +107,7 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
     terms = _terms(image, plate, streak)
     v, v_std = _share(*terms, lambda x: window_sums(x, _WINDOW_PX, "constant"))
     window = np.ones((_WINDOW_PX, _WINDOW_PX), bool)
-    known = ndimage.binary_erosion(streak.mask[streak.rows_columns], window)
+    known = scipy.ndimage.binary_erosion(streak.mask[streak.rows_columns], window)
     known &= v_std < _MAX_STD
     if not known.any():
         raise ColorModelError(
@@ -154,19 +153,17 @@ def _share(
 
 def _opaque_pieces(candidates: Bools, terms: tuple[Array, Array, Array]) -> Bools:
     """The connected pieces whose v over the whole piece is zero, a sharper test than by pixel."""
-    from scipy import ndimage
-
-    pieces, count = ndimage.label(candidates)
+    pieces, count = scipy.ndimage.label(candidates)
     numbers = np.arange(1, count + 1)
 
     def in_each(values: Array) -> Array:
         """Sums of values over each piece."""
-        return np.asarray(ndimage.sum_labels(values, pieces, numbers), dtype=float)
+        return np.asarray(scipy.ndimage.sum_labels(values, pieces, numbers), dtype=float)
 
     v, v_std = _share(*terms, in_each)
     area = in_each(np.ones(pieces.shape))
     opaque = v < _ZERO_STD * np.maximum(v_std, _MIN_PIECE_STD)
     opaque &= (v_std < _MAX_PIECE_STD) & (area >= _MIN_AREA_PX)
     core = np.isin(pieces, numbers[opaque])
-    deep = ndimage.binary_erosion(core, iterations=1)  # v of a rim contains the inside
+    deep = scipy.ndimage.binary_erosion(core, iterations=1)  # v of a rim contains the inside
     return np.asarray(deep if np.count_nonzero(deep) >= _MIN_AREA_PX else core)

@@ -9,6 +9,7 @@ The residual from this is light of an object, or the plate does not match.
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import ColorModelError
@@ -123,13 +124,11 @@ def _part(shares: Array, squares: Array, t: Array) -> Array:
 
 def _other_motion(lost: Array, inside: Bools) -> Bools:
     """(h, w) neighborhoods outside a streak of a change similar to that within."""
-    from scipy.ndimage import uniform_filter
-
     around = np.roll(lost, 1, axis=0) + np.roll(lost, 1, axis=1)
     shared: Array = np.einsum("hwc,hwc->hw", lost, around)
     usual = float(shared[inside].sum()) / max(int(np.count_nonzero(inside)), 1)
     threshold = max(_MIN_OTHER_MOTION * usual, _MIN_OTHER_MOTION_CHI2)
-    much: Bools = uniform_filter(shared, _BLOCK_PX) > threshold
+    much: Bools = scipy.ndimage.uniform_filter(shared, _BLOCK_PX) > threshold
     return dilated(much & ~inside, _BLOCK_PX)
 
 

@@ -16,6 +16,7 @@ In the published sum C and B are the light of image and plate at n pixels of the
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Floats, check_same_size
@@ -264,16 +265,16 @@ def _rendered(l: Array, image: LinearImage, plate: LinearImage, streak: Streak) 
 
     Both are smoothed, so that the rendering has no noise.
     """
-    from scipy.ndimage import gaussian_filter
-
     sigma = 1.5  # pixels
     C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
     across = B - (B @ l)[..., None] * l
     length2 = np.einsum("yxc,yxc->yx", across, across)
     lost = length2 - np.einsum("yxc,yxc->yx", C, across)
-    alpha = gaussian_filter(lost, sigma) / np.maximum(gaussian_filter(length2, sigma), 1e-12)
+    alpha = scipy.ndimage.gaussian_filter(lost, sigma) / np.maximum(
+        scipy.ndimage.gaussian_filter(length2, sigma), 1e-12
+    )
     alpha = np.clip(np.where(streak.mask, alpha, 0), 0, 1)
-    k = gaussian_filter((C - (1 - alpha)[..., None] * B) @ l, sigma)
+    k = scipy.ndimage.gaussian_filter((C - (1 - alpha)[..., None] * B) @ l, sigma)
     k = np.maximum(np.where(streak.mask, k, 0), 0)
     return np.asarray(k[..., None] * l + (1 - alpha)[..., None] * B)
 

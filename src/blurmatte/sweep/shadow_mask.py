@@ -6,6 +6,7 @@ for k and a. For the object k is about a times its brightness; for a shadow it i
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.color.shadow_test import darker_pixels
@@ -63,8 +64,6 @@ def cast_shadow_mask(
 
     Empty if it is not significant. Black parts of an object cannot be distinguished from a shadow.
     """
-    from scipy.ndimage import binary_propagation
-
     box = streak.around(_WINDOWS_PX[-1])
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
@@ -76,7 +75,7 @@ def cast_shadow_mask(
     lightless, dim = np.any(masks, axis=0)
     core = use & lightless  # the shadow may extend onto the object
     found = np.zeros(streak.mask.shape, bool)
-    reach = binary_propagation(core, mask=use & dim)
+    reach = scipy.ndimage.binary_propagation(core, mask=use & dim)
     if _is_part(reach, inside):
         found[box[1] : box[3], box[0] : box[2]] = dilated(reach, _RIM_PX)
     whole = not (streak.mask & ~found).any()  # the rim may cover a small streak

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind
@@ -179,13 +180,14 @@ def _decoded_with(curve: Transfer, observation: Observation, assumed: Transfer) 
     Noise and errors of color, being small, are multiplied by the slope of the change. It is smoothed
     as noise is, which must not depend on that of its own pixel.
     """
-    from scipy.ndimage import gaussian_filter
 
     def decoded(light: Array) -> tuple[Array, Array]:
         """The light, and the slope of its change."""
         again = np.asarray(curve.decode(assumed.encode(light)), float)
         slope = np.maximum(curve.slope(again), 1e-6) / np.maximum(assumed.slope(light), 1e-6)
-        return np.ascontiguousarray(again), np.asarray(gaussian_filter(slope, (2.0, 2.0, 0)))
+        return np.ascontiguousarray(again), np.asarray(
+            scipy.ndimage.gaussian_filter(slope, (2.0, 2.0, 0))
+        )
 
     (C, of_image), (B, of_plate) = decoded(observation.C), decoded(observation.B)
     error = observation.chroma_error

@@ -12,6 +12,7 @@ from os import cpu_count
 from typing import TypeVar
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.radiometry import LinearImage
@@ -306,9 +307,9 @@ def depth_of(mask: Bools) -> Array:
 
     Padded by one pixel; the largest is the radius of the largest disc that fits.
     """
-    from scipy.ndimage import binary_fill_holes, distance_transform_edt
-
-    return np.asarray(distance_transform_edt(np.pad(binary_fill_holes(mask), 1)))
+    return np.asarray(
+        scipy.ndimage.distance_transform_edt(np.pad(scipy.ndimage.binary_fill_holes(mask), 1))
+    )
 
 
 def center_curve(depth: Array, radius: float) -> Array:
@@ -318,9 +319,7 @@ def center_curve(depth: Array, radius: float) -> Array:
     radius. The curve joins the means of the pixels at equal geodesic distance from one end of the core;
     a core without length gives a short line.
     """
-    from scipy.ndimage import label
-
-    parts, _ = label(depth >= min(radius, float(depth.max())))
+    parts, _ = scipy.ndimage.label(depth >= min(radius, float(depth.max())))
     core = parts == np.argmax(np.bincount(parts[parts > 0]))
     along = _distance_from_an_end(core)
     steps = np.arange(0, np.nanmax(along) + 1, max(radius / 4, 1))
@@ -336,9 +335,6 @@ def center_curve(depth: Array, radius: float) -> Array:
 
 def _distance_from_an_end(mask: Bools) -> Array:
     """(h, w) geodesic distance within the mask from one of its ends, pixels."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import dijkstra
-
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(np.count_nonzero(mask))
     edges = [(0, 1, 1.0), (1, 0, 1.0), (1, 1, np.sqrt(2)), (1, -1, np.sqrt(2))]
@@ -351,13 +347,13 @@ def _distance_from_an_end(mask: Bools) -> Array:
         columns.append(b[both])
         lengths.append(np.full(np.count_nonzero(both), length))
     n = np.count_nonzero(mask)
-    graph = coo_array(
+    graph = scipy.sparse.coo_array(
         (np.concatenate(lengths), (np.concatenate(rows), np.concatenate(columns))), (n, n)
     )
     graph = graph.tocsr()
-    first = dijkstra(graph, directed=False, indices=0)
+    first = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=0)
     end = int(np.argmax(np.where(np.isfinite(first), first, -1)))
-    distance = dijkstra(graph, directed=False, indices=end)
+    distance = scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=end)
     along = np.full(mask.shape, np.nan)
     along[mask] = np.where(np.isfinite(distance), distance, 0)
     return along

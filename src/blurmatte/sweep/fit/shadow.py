@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
@@ -181,8 +182,6 @@ def _strengths(
 
 def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     """(3,) offset (x, y) and log softness, in radii, of the least residuals."""
-    from scipy.optimize import least_squares
-
     difference = 0.02  # radii, of numerical derivatives
 
     def cost(x: Array) -> float:
@@ -203,7 +202,7 @@ def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Arra
         start = min((np.array([*offset, first]) for offset in _first_offsets()), key=cost)
     far = _MAX_DISTANCE
     bounds = (-far, -far, lowest), (far, far, highest)
-    end = least_squares(
+    end = scipy.optimize.least_squares(
         residuals, np.clip(start, *bounds), slopes, bounds,
         loss="cauchy", f_scale=_CAUCHY_SCALE, max_nfev=12, ftol=1e-4, xtol=1e-3,
     )  # fmt: skip  # rough: the next round refines both

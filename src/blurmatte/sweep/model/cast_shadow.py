@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.compiling import njit
@@ -76,10 +77,8 @@ def _profile(radius: float, softness: float) -> tuple[Array, float]:
 
     It is the distribution function of a noncentral χ² with two degrees of freedom.
     """
-    from scipy.special import chndtr
-
     at = np.linspace(0, radius + 3.5 * softness, 65)
-    dark = chndtr((radius / softness) ** 2, 2, (at / softness) ** 2)
+    dark = scipy.special.chndtr((radius / softness) ** 2, 2, (at / softness) ** 2)
     return np.where(np.isfinite(dark), dark, at < radius), float(at[1])
 
 

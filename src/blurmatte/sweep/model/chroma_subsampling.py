@@ -14,6 +14,7 @@ F M is added to the code values. It is 0 where nothing moved.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Floats
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, LinearImage, Transfer
@@ -27,10 +28,10 @@ class ChromaBlur:
 
     def seen(self, codes: Array) -> Array:
         """(h, w, 3) code values after the file."""
-        from scipy.ndimage import gaussian_filter
-
         chroma = codes - (codes @ LUMA_WEIGHTS)[..., None]
-        return np.asarray(codes - chroma + gaussian_filter(chroma, (self.std, self.std, 0)))
+        return np.asarray(
+            codes - chroma + scipy.ndimage.gaussian_filter(chroma, (self.std, self.std, 0))
+        )
 
 
 @dataclass(frozen=True)
@@ -107,12 +108,10 @@ def light_of_colors(
 
     `basis` (3, rank) are the directions of the model's colors, `std` the blur by the file, pixels.
     """
-    from scipy.ndimage import gaussian_filter
-
     axes = np.linalg.qr(basis)[0]
     P = np.asarray(image.rgb, float) - (1 - alpha)[..., None] * plate.rgb
     P = np.where((alpha > 0)[..., None], P @ axes @ axes.T, 0)
-    around = gaussian_filter(P, (2 * std, 2 * std, 0))
+    around = scipy.ndimage.gaussian_filter(P, (2 * std, 2 * std, 0))
     around /= np.maximum(np.linalg.norm(around, axis=-1, keepdims=True), 1e-12)
     brightness = (P @ LUMA_WEIGHTS) / np.maximum(around @ LUMA_WEIGHTS, 0.05)
     return np.asarray(np.maximum(brightness, 0)[..., None] * around)

@@ -17,6 +17,7 @@ includes the volume of the posterior, so that it is what ρ adds to a negative l
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.compiling import njit
@@ -72,8 +73,6 @@ class Lighting:
         return replace(plate.with_noise(variance.astype(kind)), rgb=B.astype(kind))
 
     def _in_picture(self, values: Array, plate: LinearImage) -> Array:
-        from scipy.ndimage import map_coordinates
-
         width, height = plate.size
         h, w = values.shape
         found = np.zeros((height, width))
@@ -82,7 +81,7 @@ class Lighting:
         x1, y1 = round(x0 + w * self.scale), round(y0 + h * self.scale)
         rows, columns = (np.arange(y0, y1) - y) / self.scale, (np.arange(x0, x1) - x) / self.scale
         at = np.meshgrid(rows, columns, indexing="ij")
-        found[y0:y1, x0:x1] = map_coordinates(values, at, order=1, mode="nearest")
+        found[y0:y1, x0:x1] = scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest")
         return found
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.sweep.model.path import PathFamily
@@ -109,14 +110,12 @@ class MotionPrior:
         covariance : (n + m, n + m) float
             Of the estimate.
         """
-        from scipy.special import chdtrc  # scipy.stats takes a second to import
-
         residual, J, precision = replace(self, weight=1.0)._linear(family, path, shape)
         root = np.linalg.cholesky(precision).T
         learned, axes = np.linalg.eigh(np.eye(len(root)) - root @ J @ covariance @ J.T @ root.T)
         seen = learned > _MIN_LEARNED
         chi2 = np.sum((axes.T @ root @ residual)[seen] ** 2 / learned[seen])
-        return float(chdtrc(max(np.count_nonzero(seen), 1), chi2))
+        return float(scipy.special.chdtrc(max(np.count_nonzero(seen), 1), chi2))
 
     def _linear(self, family: PathFamily, path: Array, shape: Array) -> tuple[Array, Array, Array]:
         """Residual, its derivatives by path and shape, and the precision of the prior."""

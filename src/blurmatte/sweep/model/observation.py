@@ -4,6 +4,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
@@ -176,13 +177,11 @@ def observation_around(
     color: ColorPrior,
 ) -> Observation:
     """A streak and a margin around it, pixels, of two pictures whose noise is known."""
-    from scipy.ndimage import distance_transform_edt
-
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
     mask = streak.mask[box[1] : box[3], box[0] : box[2]]
     valid = image.valid & plate.valid
-    near = (distance_transform_edt(~mask) <= margin) | ~valid
+    near = (scipy.ndimage.distance_transform_edt(~mask) <= margin) | ~valid
     C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
     return Observation(
         C,
@@ -203,10 +202,8 @@ def observation_around(
 
 def _chroma_error(change: Array, compression: Compression | None) -> Array | None:
     """(h, w, 3) error of a change of light whose chroma was blurred: the effect of a second blur."""
-    from scipy.ndimage import gaussian_filter
-
     if compression is None:
         return None
     std = compression.spread
     chroma = change - (change @ LUMA_WEIGHTS)[..., None]
-    return np.asarray(chroma - gaussian_filter(chroma, (std, std, 0)))
+    return np.asarray(chroma - scipy.ndimage.gaussian_filter(chroma, (std, std, 0)))

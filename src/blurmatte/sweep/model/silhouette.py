@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
 from blurmatte.sweep.model import rim_kernel
@@ -297,14 +298,12 @@ class Silhouette:
 
         A disc changes its size alone; the rates are kept.
         """
-        from scipy.linalg import logm, polar
-
         new = shape.copy()
         new[0] *= np.sqrt(np.linalg.det(by))
         if self.order == 1:
             return new
-        turn, A = polar(by @ self._stretch(shape)[0], side="left")
-        S = logm(A / new[0]).real
+        turn, A = scipy.linalg.polar(by @ self._stretch(shape)[0], side="left")
+        S = scipy.linalg.logm(A / new[0]).real
         new[1:3] = np.array([S[0, 0], S[0, 1]]) - self.camera_stretch
         angle = np.arctan2(turn[1, 0], turn[0, 0])
         for k in range(3, self.order + 1):
