@@ -267,22 +267,3 @@ def test_numbers_must_be_positive(name, value):
 def test_strength_has_a_range(value):
     with pytest.raises(ValueError, match=r"strength must lie between 1e-06 and 1e\+06"):
         Smooth(strength=value)
-
-
-def test_alpha_before_a_plate_of_the_objects_color_is_that_of_a_fraction():
-    """Honest: of a wide stripe of that color nothing is known, and the answer says so."""
-    plate = PLATES["textured"].copy()
-    plate[:, 66:126] = ORANGE
-    scene = Scene(plate, WAY, Ball(18, ORANGE))
-    truth = render(scene, 100)
-    image, without = Shot(scene, CAMERA, plate_frames=5, seed=0).photograph(truth)
-    mask = np.zeros(plate.shape[:2], bool)
-    mask[28:108, 36:158] = True
-    solution = solve(image, without, truth.model, Smooth(), streak=Streak(mask))
-    silent = mask & (solution.quality & Quality.PLATE_IN_MODEL != 0)
-    assert silent[:, 76:116].sum() > 500
-    assert (solution.alpha[silent] > 0).all()
-    assert (solution.alpha[silent] < 1).all()
-    assert solution.alpha_std[mask].max() < 12**-0.5 + 1e-6
-    score = (solution.alpha - truth.layer.alpha)[silent] / solution.alpha_std[silent]
-    assert np.sqrt(np.mean(score**2)) < np.sqrt(3)
