@@ -267,23 +267,3 @@ def test_numbers_must_be_positive(name, value):
 def test_strength_has_a_range(value):
     with pytest.raises(ValueError, match=r"strength must lie between 1e-06 and 1e\+06"):
         Smooth(strength=value)
-
-
-def test_alpha_before_a_plate_of_the_objects_color_has_an_error_that_says_so():
-    """Honest: before a wide stripe of that color alpha is that of other places."""
-    plate = PLATES["textured"].copy()
-    plate[:, 66:126] = ORANGE
-    scene = Scene(plate, WAY, Ball(18, ORANGE))
-    truth = render(scene, 100)
-    image, without = Shot(scene, CAMERA, plate_frames=5, seed=0).photograph(truth)
-    mask = np.zeros(plate.shape[:2], bool)
-    mask[28:108, 36:158] = True
-    solution = solve(image, without, truth.model, Smooth(), streak=Streak(mask))
-    silent = np.s_[40:96, 80:112]
-    assert np.mean(solution.quality[silent] & Quality.PLATE_IN_MODEL != 0) > 0.9
-    alpha, std = solution.alpha[silent], solution.alpha_std[silent]
-    assert alpha.min() > 0
-    assert alpha.max() < 1
-    assert solution.alpha_std[mask].max() < 12**-0.5 + 1e-6
-    off = alpha - truth.layer.alpha[silent]
-    assert np.sqrt(np.mean((off / std) ** 2)) < np.sqrt(3)

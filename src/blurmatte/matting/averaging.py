@@ -20,7 +20,7 @@ from blurmatte.checks import Array, Floats
 
 MIN_WEIGHT = 1e-3  # of an averaged hypothesis
 
-UNKNOWN_STD = 12**-0.5  # of a fraction of which nothing is known
+_UNKNOWN_STD = 12**-0.5  # of a fraction of which nothing is known
 _NODES = 24  # of the integrals over a fraction; normal densities there are wider than 0.14
 
 
@@ -80,13 +80,13 @@ def as_fraction(alpha: Floats, alpha_std: Floats) -> tuple[Floats, Floats]:
 
     alpha, alpha_std (h, w): any numbers; an error that is not finite says that nothing is known.
     """
-    silent = ~((alpha_std <= UNKNOWN_STD / 2) & np.isfinite(alpha))
+    silent = ~((alpha_std <= _UNKNOWN_STD / 2) & np.isfinite(alpha))
     if not silent.any():
         return alpha, alpha_std
     a, s = (np.asarray(values[silent], float) for values in (alpha, alpha_std))
     s = np.where(np.isfinite(a) & np.isfinite(s), s, np.inf)
     a = np.where(np.isfinite(s), a, 0.5)
-    w = np.clip(2 * s / UNKNOWN_STD - 1, 0, 1)
+    w = np.clip(2 * s / _UNKNOWN_STD - 1, 0, 1)
     m, v = _restricted(a, s)
     own = np.where(w < 1, s, 0)
     mean = (1 - w) * a + w * m
@@ -115,7 +115,7 @@ def with_bounded_errors(estimate: AlphaEstimate) -> AlphaEstimate:
     """
     known = np.isfinite(estimate.alpha) & np.isfinite(estimate.alpha_std)
     alpha = np.where(known, estimate.alpha, 0)
-    limit = np.sqrt(UNKNOWN_STD**2 + (alpha - 0.5) ** 2)
+    limit = np.sqrt(_UNKNOWN_STD**2 + (alpha - 0.5) ** 2)
     std = np.where(known, np.minimum(estimate.alpha_std, limit), estimate.alpha_std)
     at = int(np.argmax(alpha))
     peak, of_peak = float(alpha.flat[at]), float(limit.flat[at])

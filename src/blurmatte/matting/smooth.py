@@ -17,7 +17,7 @@ import numpy as np
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.averaging import UNKNOWN_STD, as_fraction
+from blurmatte.matting.averaging import as_fraction
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.evidence import (
     FirstEstimate,
@@ -29,7 +29,7 @@ from blurmatte.matting.evidence import (
 )
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.light_priors import with_brightness, with_mixture
-from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, alpha_flags, has_flag
+from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.noise_inflation import BLOCK_PX, noise_inflation
 from blurmatte.matting.object_light import light_given
@@ -167,7 +167,7 @@ class Smooth(Solver):
         fit = self._fit(pixels)
         variance, of_sum = self._with_error(fit)
         _warn_unless_converged(fit.field)
-        raw_std = np.maximum(np.sqrt(_inner(variance)), _std_of_silence(fit))
+        raw_std = np.sqrt(_inner(variance))
         alpha, alpha_std = as_fraction(_inner(fit.field.x), raw_std)
         self._write(maps.within(box), alpha, alpha_std, pixels, image)
         maps.within(box).quality[inside] |= alpha_flags(alpha, raw_std, self.max_alpha_std)[inside]
@@ -364,28 +364,6 @@ def _of_rounding(fit: _SmoothAlpha) -> tuple[Floats, float]:
     of_sum = np.mean((cells * off.sum(axis=(1, 2))) ** 2)
     share = 1 - 1 / fit.inflation  # independent noise of pixels dithers the codes
     return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
-
-
-def _std_of_silence(fit: _SmoothAlpha) -> Floats:
-    """Standard deviation of alpha from the evidence of a block around each pixel; 0 where it is small.
-
-    Where a block says no more than that alpha is a fraction, alpha is that of other places. No
-    simulation shows the error: it draws fields as smooth as the fitted one.
-    """
-    from scipy.ndimage import uniform_filter
-
-    pixels, free = fit.pixels, 3 - fit.pixels.model.rank
-    if free == 0:  # the evidence of texture is of areas
-        return np.zeros_like(fit.near)
-    *_, V_C, V_B = (np.mean(values, axis=-1) for values in pixels.with_edges)
-    # Noise of the plate looks like a difference from the object's colors.
-    by_noise = free * V_B / (V_C + (1 - fit.near) ** 2 * V_B + MIN_VARIANCE) / fit.noise_factor
-    information, _ = evidence_of(pixels, fit.near)
-    own = information / fit.noise_factor - by_noise * pixels.use
-    known = BLOCK_PX**2 * uniform_filter(own, BLOCK_PX, mode="constant")
-    variance = fit.inflation / fit.noise_factor / np.maximum(known, MIN_VARIANCE)
-    silent = (variance > UNKNOWN_STD**2 / 4) & pixels.inside
-    return np.where(silent, np.sqrt(variance), 0)
 
 
 def _fine_structure(x: Floats) -> Floats:
