@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.matting.averaging import AlphaEstimate, with_bounded_errors
@@ -178,8 +179,6 @@ def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -
     and Hermite's rule. The third is √3 standard deviations outside, and its weight is 1/6. The rim
     moves by at most the radius of a disc of the same sum of alpha.
     """
-    from scipy.ndimage import maximum_filter
-
     rim = use & np.isfinite(variance) & (slope > 0)
     if not rim.any():
         return np.zeros(alpha.shape)
@@ -189,7 +188,9 @@ def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -
     whole = int(distance)
     x = np.arange(-whole - 1, whole + 2)
     d = np.hypot(x, x[:, None])
-    nearer, farther = (maximum_filter(alpha, footprint=d <= n) for n in (whole, whole + 1))
+    nearer, farther = (
+        scipy.ndimage.maximum_filter(alpha, footprint=d <= n) for n in (whole, whole + 1)
+    )
     return np.asarray((nearer + (distance - whole) * (farther - nearer)) ** 2 / 6)
 
 

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import ClassVar, Literal
 
 import numpy as np
+import scipy
 
 from blurmatte.background import Match
 from blurmatte.checks import Bools, Box, Codes8
@@ -210,15 +211,13 @@ def grown_mask(streak: Streak, image: LinearImage, plate: LinearImage, model: Co
     Rims fainter than noise, or over a plate of nearly the object's color, are not part of a detected
     streak. Growth is limited to half the streak's width.
     """
-    from scipy.ndimage import binary_propagation, distance_transform_edt, gaussian_filter
-
     y, x = streak.rows_columns
-    half_width = float(distance_transform_edt(np.pad(streak.mask[y, x], 1)).max())
+    half_width = float(scipy.ndimage.distance_transform_edt(np.pad(streak.mask[y, x], 1)).max())
     reach = _MARGIN_PX + half_width
     box = streak.around(int(reach) + 1)
     place = slice(box[1], box[3]), slice(box[0], box[2])
     inside = streak.mask[place]
-    distance = np.asarray(distance_transform_edt(~inside))
+    distance = np.asarray(scipy.ndimage.distance_transform_edt(~inside))
     near = distance <= reach
     if model.rank < 3:
         nothing = np.zeros(near.shape)
@@ -226,11 +225,11 @@ def grown_mask(streak: Streak, image: LinearImage, plate: LinearImage, model: Co
         evidence = evidence_of(pixels, nothing)
         inflation = noise_inflation(pixels, nothing)
         window = max(_RELATIVE_WINDOW * half_width, 1.0)
-        information, pull = (gaussian_filter(e, window) for e in evidence)
+        information, pull = (scipy.ndimage.gaussian_filter(e, window) for e in evidence)
         averaged = 4 * np.pi * window**2 / inflation  # effective number of independent pixels
         significant = pull * np.sqrt(averaged) > _MIN_STDS * np.sqrt(information + 1e-9)
-        inside = binary_propagation(inside, mask=inside | (near & significant))
-        distance = np.asarray(distance_transform_edt(~inside))
+        inside = scipy.ndimage.binary_propagation(inside, mask=inside | (near & significant))
+        distance = np.asarray(scipy.ndimage.distance_transform_edt(~inside))
     mask = np.zeros(streak.mask.shape, bool)
     mask[place] = distance <= _MARGIN_PX + _RELATIVE_MARGIN * half_width
     return replace(streak, mask=mask)

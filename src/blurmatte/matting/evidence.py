@@ -7,6 +7,7 @@ information. In this file C is the image's light and B the plate's.
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.color.model import ColorModel
@@ -58,10 +59,10 @@ def without_fine_structure(pixels: PixelPairs) -> PixelPairs:
     Compression removes more of faint, fine structure where the object covers it than in the plate. By
     that difference alone alpha would be overestimated.
     """
-    from scipy.ndimage import uniform_filter
-
     B = pixels.plate.rgb
-    return replace(pixels, coarse=uniform_filter(B, (BLOCK_SIZES[-1], BLOCK_SIZES[-1], 0)))
+    return replace(
+        pixels, coarse=scipy.ndimage.uniform_filter(B, (BLOCK_SIZES[-1], BLOCK_SIZES[-1], 0))
+    )
 
 
 def pixels_of(
@@ -152,8 +153,6 @@ def _of_texture(
     The variance of the object's texture is the excess of the residuals of a first alpha, averaged over
     neighborhoods.
     """
-    from scipy.ndimage import gaussian_filter
-
     pairs: list[tuple[Bools, Array, Array, Array, Array]] = []
     for axis in (0, 1):
         both = use & np.roll(use, -1, axis)
@@ -174,7 +173,7 @@ def _of_texture(
                 total += half + np.roll(half, 1, axis)
         return information, pull
 
-    information, pull = (gaussian_filter(m, sigma=3.0) for m in sums(0.0))
+    information, pull = (scipy.ndimage.gaussian_filter(m, sigma=3.0) for m in sums(0.0))
     t = (1 - np.clip(pull / (information + 1e-9), 0, 1))[..., None]
     excess = [
         np.median(((c - t * b) ** 2 - v_C - t**2 * v_B)[both[..., 0]]) / MEDIAN_1
@@ -191,10 +190,10 @@ def min_alpha(pixels: PixelPairs, noise_inflation: float) -> Floats:
     by three standard deviations, so that the bound is negligible where there was no object.
     `noise_inflation` is the factor by which correlation of noise raises the variance of sums.
     """
-    from scipy.ndimage import gaussian_filter
-
     std_px = 2.0
-    C, B, V_C, V_B = (gaussian_filter(a, (std_px, std_px, 0)) for a in pixels.with_edges)
+    C, B, V_C, V_B = (
+        scipy.ndimage.gaussian_filter(a, (std_px, std_px, 0)) for a in pixels.with_edges
+    )
     noise = np.sqrt((V_C + V_B) * noise_inflation / (4 * np.pi * std_px**2))
     bound = np.max(1 - (C + 3.0 * noise) / np.maximum(B, 1e-9), axis=-1)
     return np.where(pixels.use & (bound > 0), bound, -np.inf)

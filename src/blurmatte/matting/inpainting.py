@@ -5,6 +5,7 @@ neighbors. Without light the layer would have a hole there.
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
@@ -42,8 +43,6 @@ def _of_neighbors(alpha: Array, P: Array, known: Bools, dark: Bools) -> tuple[Ar
 
     Gaussian neighborhoods double in width until at least 5 % of their alpha has known light.
     """
-    from scipy.ndimage import gaussian_filter
-
     weight = np.where(known, alpha, 0)
     light = np.where(known[..., None], P, 0)
     squares = light**2 / np.maximum(alpha, 1e-6)[..., None]
@@ -51,9 +50,11 @@ def _of_neighbors(alpha: Array, P: Array, known: Bools, dark: Bools) -> tuple[Ar
     missing, std_px = np.ones(len(color), bool), 1.5
     while missing.any():
         sides = std_px, std_px, 0
-        within = gaussian_filter(weight, std_px, mode="constant")[dark]
-        total = gaussian_filter(alpha * (known | dark), std_px, mode="constant")[dark]
-        sums, second = (gaussian_filter(m, sides, mode="constant")[dark] for m in (light, squares))
+        within = scipy.ndimage.gaussian_filter(weight, std_px, mode="constant")[dark]
+        total = scipy.ndimage.gaussian_filter(alpha * (known | dark), std_px, mode="constant")[dark]
+        sums, second = (
+            scipy.ndimage.gaussian_filter(m, sides, mode="constant")[dark] for m in (light, squares)
+        )
         min_fraction = 0.05 if std_px < max(alpha.shape) else 0.0
         now = missing & (within > min_fraction * total)
         color[now] = sums[now] / within[now, None]

@@ -37,6 +37,7 @@ determines the mean of neighbors; where the light dominates, they share the erro
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import FirstEstimate
@@ -149,11 +150,9 @@ def _scatter(level: CellEvidence) -> float:
 
 def _three_by_three(values: Floats) -> Array:
     """Sums over a cell and the eight around it."""
-    from scipy.ndimage import convolve1d
-
     ones = np.ones(3)
-    rows = convolve1d(values, ones, 0, mode="constant")
-    return np.asarray(convolve1d(rows, ones, 1, mode="constant"), float)
+    rows = scipy.ndimage.convolve1d(values, ones, 0, mode="constant")
+    return np.asarray(scipy.ndimage.convolve1d(rows, ones, 1, mode="constant"), float)
 
 
 def with_mixture(
@@ -204,7 +203,5 @@ def _colors(alpha: Array, light: Array) -> tuple[Array, Array]:
 
 def _smoothed(values: Floats | Bools, std_px: float) -> Array:
     """Gaussian means over neighborhoods of pixels."""
-    from scipy.ndimage import gaussian_filter
-
     stds = (std_px, std_px) + (0,) * (values.ndim - 2)
-    return np.asarray(gaussian_filter(np.asarray(values, float), stds))
+    return np.asarray(scipy.ndimage.gaussian_filter(np.asarray(values, float), stds))

@@ -18,6 +18,7 @@ deviation is the interval of alpha between the segment's ends.
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.color.model import ColorModel
@@ -64,13 +65,13 @@ def mixed_plate(image: LinearImage, plate: LinearImage, still: Bools) -> MixedPl
 
 def _neighborhoods(B: Array) -> Array:
     """(h, w, 6) covariance of the light around each pixel: RR, RG, RB, GG, GB, BB."""
-    from scipy.ndimage import uniform_filter
-
     width = _NEIGHBORHOOD_PX
     centered = B - B.mean(axis=(0, 1))
     i, j = np.triu_indices(3)
     products = centered[..., i] * centered[..., j]
-    first, second = (np.asarray(uniform_filter(x, (width, width, 0))) for x in (centered, products))
+    first, second = (
+        np.asarray(scipy.ndimage.uniform_filter(x, (width, width, 0))) for x in (centered, products)
+    )
     return np.asarray(second - first[..., i] * first[..., j])
 
 

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Box, Floats
 from blurmatte.color.evidence import SLACK
@@ -48,15 +49,13 @@ class Mixtures:
     @classmethod
     def of(cls, case: Case) -> "Mixtures":
         """Windows that lie within the streak of a case, and whose light is known."""
-        from scipy.ndimage import minimum_filter, uniform_filter
-
         y, x = case.streak.rows_columns
         image, plate = (
             p.crop((x.start, y.start, x.stop, y.stop)) for p in (case.image, case.plate)
         )
         inside = case.streak.mask[y, x] & image.valid & plate.valid
         size = _WINDOW_PX
-        whole = minimum_filter(inside, size, mode="constant")
+        whole = scipy.ndimage.minimum_filter(inside, size, mode="constant")
         rows, columns = np.nonzero(whole)
         apart = (rows % size == 0) & (columns % size == 0)
         rows, columns = rows[apart], columns[apart]
@@ -65,7 +64,9 @@ class Mixtures:
 
         def means(values: Floats) -> Array:
             """Means of the windows."""
-            return np.asarray(uniform_filter(values, (size, size, 0))[rows, columns], float)
+            return np.asarray(
+                scipy.ndimage.uniform_filter(values, (size, size, 0))[rows, columns], float
+            )
 
         # Errors of the pixels of a window are independent, or, in a compressed file, the same.
         count = 1 if case.is_compressed else size**2
@@ -97,15 +98,15 @@ class Mixtures:
         Where that alpha is 0 something else may have moved. A shadow takes as much of all channels, so
         that only what the plate lost beyond the least loss of a channel counts.
         """
-        from scipy.ndimage import uniform_filter
-
         if len(self.C) < _MIN_WINDOWS:
             return 0.0
         lit = np.clip(np.max(self.C / np.maximum(self.B, 1e-6), axis=1), 1e-6, 1)[:, None]
         noise = np.sqrt(self.V_C + self.V_B)
         least = 1 - (self.C + _MIN_CHI * noise) / np.maximum(lit * self.B, 1e-6)
         rows, columns = self.at
-        own = uniform_filter(np.nan_to_num(alpha), _WINDOW_PX)[rows - box[1], columns - box[0]]
+        own = scipy.ndimage.uniform_filter(np.nan_to_num(alpha), _WINDOW_PX)[
+            rows - box[1], columns - box[0]
+        ]
         there = own > SLACK
         return _root_mean_square((least.max(axis=1) - own - SLACK)[there])
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from itertools import groupby
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
@@ -368,10 +369,10 @@ def _of_rounding(fit: _SmoothAlpha) -> tuple[Floats, float]:
 
 def _fine_structure(x: Floats) -> Floats:
     """Mean square around each pixel of structure finer than a block, which compression removes."""
-    from scipy.ndimage import uniform_filter
-
-    fine = (x - uniform_filter(x, BLOCK_PX)) ** 2
-    return np.asarray(uniform_filter(fine, BLOCK_PX).clip(0))  # running sums may round below 0
+    fine = (x - scipy.ndimage.uniform_filter(x, BLOCK_PX)) ** 2
+    return np.asarray(
+        scipy.ndimage.uniform_filter(fine, BLOCK_PX).clip(0)
+    )  # running sums may round below 0
 
 
 def _with_neighbors(
@@ -391,9 +392,7 @@ def _with_neighbors(
 
 def _smoothed_alpha(evidence: tuple[Floats, Floats]) -> Floats:
     """Alpha of Gaussian neighborhoods."""
-    from scipy.ndimage import gaussian_filter
-
-    information, pull = (gaussian_filter(e, _FIRST_STD_PX) for e in evidence)
+    information, pull = (scipy.ndimage.gaussian_filter(e, _FIRST_STD_PX) for e in evidence)
     return np.asarray(np.clip(pull / (information + 1e-9), 0, 1))
 
 

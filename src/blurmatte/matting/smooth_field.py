@@ -30,6 +30,7 @@ from os import cpu_count
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
@@ -202,10 +203,10 @@ def finer_field(field: Field, shape: tuple[int, ...], order: int) -> Field:
 
 def pooled_variance(variance: Floats, mask: Bools) -> Floats:
     """Means over neighbors in the mask, since few samples determine a variance only roughly."""
-    from scipy.ndimage import uniform_filter
-
     width = _VARIANCE_WINDOW
-    near, share = (uniform_filter(v, width) for v in (variance * mask, mask.astype(float)))
+    near, share = (
+        scipy.ndimage.uniform_filter(v, width) for v in (variance * mask, mask.astype(float))
+    )
     return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0), variance.dtype)
 
 
@@ -214,12 +215,12 @@ def local_mean(values: Floats, parameters: Floats, mask: Bools) -> Array:
 
     The effective parameters (h, w) of a cell are its information times its variance.
     """
-    from scipy.ndimage import gaussian_filter
-
     total = max(np.sum(parameters * mask, dtype=float), 1.0)
     area = LOCAL_DOF * np.count_nonzero(mask) / total  # 4πs²
     inside = np.where(mask, values, 0).astype(float)
-    return np.asarray(gaussian_filter(inside, np.sqrt(area / (4 * np.pi)), mode="constant"))
+    return np.asarray(
+        scipy.ndimage.gaussian_filter(inside, np.sqrt(area / (4 * np.pi)), mode="constant")
+    )
 
 
 def _roughness_factor(
@@ -290,14 +291,12 @@ def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats)
 
 def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
     """E[Dx Dxᵀ] of the mean and samples around it."""
-    from scipy.ndimage import uniform_filter
-
     t, total = np.zeros((3, *x.shape), x.dtype), np.zeros((3 * order, *x.shape))
     for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
         forward(values, order, t)
         outer(t, order, weight, total)
     width = _PRECISION_WINDOW
-    return np.asarray(uniform_filter(total, (0, width, width)), float)
+    return np.asarray(scipy.ndimage.uniform_filter(total, (0, width, width)), float)
 
 
 def _residual_chi2(evidence: CellEvidence, x: Floats) -> tuple[float, int]:

@@ -6,6 +6,7 @@ Where the object is visible it changes a pixel by α (o − B); behind a static 
 """
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array, Bools, Box, Floats
 from blurmatte.color.shadow_test import darker_pixels
@@ -105,8 +106,6 @@ def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     C, B, variance (h, w, 3): light of image and plate, and the noise variance of their difference.
     use (h, w): pixels with valid data.
     """
-    from scipy.ndimage import binary_propagation
-
     width = _PATCH_PX
     use = use & (alpha > 0)
     still = np.where(use, np.mean((C - B) ** 2 / variance, axis=-1), 1)
@@ -124,7 +123,7 @@ def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     near = dilated(core, width // 2 + 1)
     found = core | (use & near & (still < np.minimum(expected, _MIN_PATCH_RATIO)))
     inner = alpha > _MIN_RELATIVE_ALPHA * alpha.max(initial=0)
-    found = binary_propagation(found & inner, mask=found)
+    found = scipy.ndimage.binary_propagation(found & inner, mask=found)
     visible = _ends_at_edges(found, B, variance, use)
     fraction_ok = alpha[found & use].sum() < _MAX_HIDDEN_FRACTION * (alpha * use).sum()
     return np.asarray(found & fraction_ok & visible)
@@ -137,21 +136,18 @@ def _ends_at_edges(found: Bools, B: Array, variance: Array, use: Bools) -> bool:
     anywhere. The plate's contrast has ranks 0…1 among the pixels of the sweep: uniform ones, and
     independent between patches, at a border that lies anywhere.
     """
-    from scipy.ndimage import maximum_filter
-    from scipy.stats import rankdata
-
     border = use & dilated(found, 1) & ~found
     if not border.any():
         return False
     slopes = (np.diff(B, axis=axis, append=B.take([-1], axis)) for axis in (0, 1))
-    contrast = maximum_filter(sum(np.mean(d**2 / variance, axis=-1) for d in slopes), _PATCH_PX)
-    ranks = (rankdata(contrast[use]) - 0.5) / use.sum()
+    contrast = scipy.ndimage.maximum_filter(
+        sum(np.mean(d**2 / variance, axis=-1) for d in slopes), _PATCH_PX
+    )
+    ranks = (scipy.stats.rankdata(contrast[use]) - 0.5) / use.sum()
     std = np.sqrt(_PATCH_PX / (12 * border.sum()))  # of a line of patches, with uniform ranks
     return bool(ranks[border[use]].mean() > 0.5 + _MIN_BORDER_SIGMA * std)
 
 
 def mean_of_neighbors(values: Floats) -> Array:
     """Mean over a patch around each pixel."""
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(values, _PATCH_PX))
+    return np.asarray(scipy.ndimage.uniform_filter(values, _PATCH_PX))
