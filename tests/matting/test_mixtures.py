@@ -38,6 +38,7 @@ def angle(a, b):
 @pytest.mark.parametrize("color", [RED, BLUE])
 def test_farthest_mixture_is_the_color_of_an_opaque_core(plate, color):
     found = mixtures(plate, color)[0].farthest(None)
+    assert found.evidence == {"mixtures": found.angle_std}
     assert angle(found.pole, color) < 1.5
     assert found.angle_std < 3
 

@@ -43,6 +43,7 @@ _EVIDENCE = {
     "feasibility": "alpha between 0 and 1, and no negative light, alone",
     "frames": "several frames together",
     "samples": "the scatter of the sampled colors alone",
+    "mixtures": "the mixture of object and plate that is farthest from the plate",
 }
 _ANY = (
     "Any colors: alpha follows from the shape and its motion, or from the plate's texture, not from a "

@@ -12,7 +12,7 @@ In this file C is the image's light, B the plate's, V_C and V_B their noise vari
 a window, and l the unit direction of a line of colors.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -142,7 +142,8 @@ class Mixtures:
         scatter = (weight[:, None] * apart).T @ apart + step.T @ step / 12
         across = np.eye(3) - np.outer(pole, pole)
         covariance = across @ (scatter + noise * np.eye(3)) @ across
-        return ColorModel(pole[:, None], covariance, to_srgb=to_srgb)
+        model = ColorModel(pole[:, None], covariance, to_srgb=to_srgb)
+        return replace(model, evidence={"mixtures": model.angle_std})
 
     def _farther(self, color: Array) -> Array:
         """(2, 3) unit directions of the nearest and the farthest color of an object.
