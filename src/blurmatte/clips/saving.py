@@ -69,7 +69,7 @@ class ClipRun:
         channels than RGBA.
     rate : float, optional
         Frames per second; replaces the times of the frames: each is its number over the rate.
-    solver : Pixelwise, Smooth, Swept or Shaded, optional
+    solver : Solver, optional
         As in `solve_clip`.
 
     Raises

@@ -307,7 +307,7 @@ def solve_clip(
     occluder : (H, W) bool, optional
         Where something is in front of the scene in all frames, such as a score board: changes there are
         no motion. Alpha continues behind it, as in `solve`.
-    solver : Pixelwise, Smooth, Swept or Shaded, optional
+    solver : Solver, optional
         As in `solve`; of `Shaded` with the object's light, not with a plate in shadow.
     workers : int or Workers
         As in `sightings`.
