@@ -135,6 +135,21 @@ def test_noise_of_means_is_measured_again_if_pixels_are_correlated(rng):
     assert std > 1.5 * 0.02 / CELL
 
 
+def test_noise_of_means_is_at_least_that_of_independent_pixels(rng):
+    """Blocks of two JPEG files are equal where nothing moved, and differ where something did."""
+    size = FittingSize(CELL, (0, 0, 240, 180), (240, 180))
+    streak = Streak.from_box((60, 60, 150, 120), (240, 180))
+    plate = rng.uniform(0.2, 0.4, (180, 240, 3)).astype(np.float32)
+    change = 0.02 * rng.standard_normal(plate.shape) * streak.mask[..., None]
+    noise = NoiseModel((1e-4,) * 3, (0.01,) * 3)
+    image, plate = (LinearImage(rgb, noise) for rgb in ((plate + change).astype(np.float32), plate))
+    for means, pixels in zip(
+        size.pictures(image, plate, streak, True), (image, plate), strict=True
+    ):
+        independent = cell_means(pixels.variance, CELL) / CELL**2
+        assert (means.variance >= 0.99 * independent).all()
+
+
 @pytest.mark.parametrize("width", [20.0, 12.0])  # cells of 2 and of 3 pixels
 def test_the_sum_of_alpha_is_the_same_at_every_size_within_its_error(wide, monkeypatch, width):
     truth, (image, plate) = wide

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Array, Bools, Box, Floats
-from blurmatte.radiometry import LinearImage, Noise
+from blurmatte.radiometry import LinearImage, Noise, NoiseModel
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
@@ -73,14 +73,16 @@ class FittingSize:
         """Means of image and plate over cells, with the noise of the means.
 
         Codecs correlate the noise of pixels. So if the pixels' noise was measured from the difference
-        of these pictures, that of the means is measured again, where nothing moved.
+        of these pictures, that of the means is measured again, where nothing moved. There the blocks of
+        two files may be equal, while they differ in the streak: so that noise is at least the noise of
+        means of independent pixels.
         """
         image, plate = self._picture(image), self._picture(plate)
         still = ~self.touched(streak.mask)
         if not (measured and still.any()):
             return image, plate
         of_image, of_plate = fit_noise(image, plate, still)
-        return image.with_noise(of_image), plate.with_noise(of_plate)
+        return _at_least(image, of_image), _at_least(plate, of_plate)
 
     def _picture(self, picture: LinearImage) -> LinearImage:
         """Means over cells, with the noise of means of independent pixels."""
@@ -166,6 +168,14 @@ class FittingSize:
         added = np.maximum(after.variance - before.variance, 0).sum(axis=-1)
         light = np.maximum((np.asarray(before.rgb, float) ** 2).sum(axis=-1), 1e-14)
         return Lighting(change, np.sqrt(added / light), 0.0, self.origin, float(self.cell))
+
+
+def _at_least(means: LinearImage, measured: NoiseModel) -> LinearImage:
+    """Means with measured noise, at least their own."""
+    if not isinstance(means.noise, NoiseModel):
+        return means.with_noise(np.maximum(measured.variance(means.rgb), means.variance))
+    coefficients = np.maximum(measured.coefficients, means.noise.coefficients)
+    return means.with_noise(NoiseModel.from_coefficients(coefficients))
 
 
 def _linear(values: Array, at: Array) -> Array:
