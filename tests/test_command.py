@@ -19,10 +19,11 @@ from blurmatte.__main__ import run
 
 class Imports:
     def find_spec(self, name, *_):
-        if name == "numpy":
+        if name == {!r}:
             raise {}
 
 sys.meta_path.insert(0, Imports())
+sys.argv[1:] = ["solve", "--help"]
 run()
 """
 
@@ -39,9 +40,10 @@ def test_installed_command_is_run():
         ("OSError(28, 'No space left')", 2, "blurmatte: cannot write the answer: No space left\n"),
     ],
 )
-def test_run_ends_without_traceback(error, code, said):
+@pytest.mark.parametrize("library", ["typer", "blurmatte.cli.solving"])
+def test_run_ends_without_traceback(library, error, code, said):
     """Door: also during imports."""
-    command = [sys.executable, "-c", RAISES.format(error)]
+    command = [sys.executable, "-c", RAISES.format(library, error)]
     ended = subprocess.run(command, capture_output=True, text=True)
     assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", said)
 

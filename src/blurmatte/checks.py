@@ -11,6 +11,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.formats import MAX_PIXELS as MAX_PIXELS
+
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
 Floats32 = npt.NDArray[np.float32]
@@ -27,7 +29,6 @@ DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
     "left": (-1, 0),
     "up": (0, -1),
 }
-MAX_PIXELS = 200_000_000  # default limit of pictures that are read
 MAX_PX = 1e6  # of places and lengths that are read
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
 

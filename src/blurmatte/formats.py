@@ -13,6 +13,7 @@ from enum import Enum, Flag, auto
 from os import PathLike
 from pathlib import Path
 
+MAX_PIXELS = 200_000_000  # default limit of pictures that are read
 HEAD_BYTES = 400  # of the content that decide: two packets of an MPEG transport stream
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 

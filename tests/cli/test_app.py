@@ -2,6 +2,7 @@
 
 import json
 import logging
+import subprocess
 import sys
 
 import numpy as np
@@ -266,3 +267,27 @@ def test_missing_extra_is_named_in_one_line(tmp_path, monkeypatch, extra, argume
     assert result.exit_code == 2, result.stderr
     assert f"blurmatte[{extra}]" in result.stderr
     assert len(result.stderr.splitlines()) == 1
+
+
+def test_help_version_and_completion_import_no_numerical_library():
+    code = """
+import subprocess
+import sys
+from typer.testing import CliRunner
+from blurmatte.cli import app
+def run(*words, **variables):
+    result = CliRunner().invoke(app, words, prog_name="blurmatte", env=variables)
+    assert result.exit_code == 0, result.output
+    return result.stdout
+assert "blurmatte" in run("--version")
+assert not [name for name in sys.modules if name.startswith("blurmatte.cli.solving")]
+assert "--plate" in run("solve", "--help")
+assert "noise" in run("calibrate", "--help")
+assert "sharpen" in run("--help")
+words = {"COMP_WORDS": "blurmatte solve --pla", "COMP_CWORD": "2"}
+assert "--plate" in run(_BLURMATTE_COMPLETE="complete_bash", **words)
+found = {"numpy", "scipy", "numba", "PIL", "OpenImageIO"} & set(sys.modules)
+assert not found, found
+"""
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr

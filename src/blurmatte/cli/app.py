@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
+from functools import cache
+from importlib import import_module
 from itertools import chain
 from typing import Annotated, Any, TypeVar, get_type_hints
 
@@ -34,13 +36,27 @@ F = TypeVar("F", bound=Callable[..., None])
 
 ORDER = "blurmatte.order"  # where a context keeps the options in the order in which they were typed
 _MAIN = "Arguments and options"
+# The commands in the sections of the help, each with its module in this package.
 _SECTIONS = {
-    "Commands": ("solve", "measure", "track", "edit"),
-    "More on color and motion": ("color", "paints", "locate"),
-    "Layers and pictures": ("sharpen", "remove", "compose", "stack", "show", "info"),
-    "Before you start": ("plate", "calibrate"),
-    "Scenes with a known truth": ("render", "score"),
+    "Commands": {
+        "solve": "solving",
+        "measure": "motion",
+        "track": "tracking",
+        "edit": "editing",
+    },
+    "More on color and motion": {"color": "solving", "paints": "layers", "locate": "motion"},
+    "Layers and pictures": {
+        "sharpen": "sharpening",
+        "remove": "editing",
+        "compose": "editing",
+        "stack": "layers",
+        "show": "pictures",
+        "info": "pictures",
+    },
+    "Before you start": {"plate": "plates", "calibrate": "calibration"},
+    "Scenes with a known truth": {"render": "scenes", "score": "scenes"},
 }
+_MODULES = {name: module for names in _SECTIONS.values() for name, module in names.items()}
 
 AsJson = Annotated[bool, flag("--json", "Print the answer as JSON.", GENERAL)]
 _Quiet = Annotated[bool, flag("--quiet", "No progress, no warnings.", GENERAL, "-q")]
@@ -108,18 +124,21 @@ class _Group(TyperGroup):
             if "" in args:
                 raise typer.BadParameter("an argument is empty; check the variables of the shell")
             args = command_first(args)
-            if args and args[0] in self._options_of_commands():
+            if args and self._is_of_commands(args[0]):
                 raise typer.BadParameter(
                     f"{args[0]} goes behind the command: {info_name} COMMAND {args[0]}"
                 )
             return super().make_context(info_name, args, *more, **kwargs)
 
-    def _options_of_commands(self) -> set[str]:
-        """The options that commands have and the group itself has not."""
+    def _is_of_commands(self, word: str) -> bool:
+        """Whether it is an option that commands have and the group itself has not."""
         own = {*self.context_settings.get("help_option_names", ())}
         own |= {name for one in self.params for name in one.opts}
-        commands = self.commands.values()
-        return {name for one in commands for p in one.params for name in p.opts} - own
+        return (
+            word.startswith("-")  # else no command needs to be imported
+            and word not in own
+            and any(word in p.opts for one in self.commands.values() for p in one.params)
+        )
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was named."""
@@ -138,20 +157,47 @@ class _Group(TyperGroup):
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """One section for each group of commands."""
-        commands = dict(self.commands)
-        sections = _SECTIONS if "solve" in commands else {"Commands": tuple(commands)}
-        for title, names in sections.items():
+        for title, names in self.sections().items():
             with formatter.section(title):
                 limit = formatter.width - 13
-                formatter.write_dl([(n, commands[n].get_short_help_str(limit)) for n in names])
+                formatter.write_dl(
+                    [(name, self.commands[name].get_short_help_str(limit)) for name in names]
+                )
+
+    def sections(self) -> Mapping[str, Iterable[str]]:
+        """The sections of the help, each with the names of its commands."""
+        return {"Commands": self.commands}
 
 
 class _Program(_Group):
-    """The program, whose help lists the commands in the order of its sections."""
+    """The program, which imports a command when it is needed."""
 
-    def list_commands(self, ctx: Any) -> list[str]:
-        """Names of the commands in the order of the help."""
-        return [name for names in _SECTIONS.values() for name in names]
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**{**settings, "commands": _Commands()})
+
+    def sections(self) -> Mapping[str, Iterable[str]]:
+        """Those of the program."""
+        return _SECTIONS
+
+
+class _Commands(Mapping[str, Any]):
+    """All commands by name; the module of one is imported when it is looked up."""
+
+    def __getitem__(self, name: str) -> Any:
+        import_module(f"blurmatte.cli.{_MODULES[name]}")
+        return _built(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(_MODULES)
+
+    def __len__(self) -> int:
+        return len(_MODULES)
+
+
+@cache
+def _built(name: str) -> Any:
+    """The command of a name, as `command` registered it."""
+    return typer.main.get_command(_registered[name])
 
 
 @contextmanager
@@ -167,30 +213,33 @@ def _usage_in_one_line() -> Iterator[None]:
         raise
 
 
-_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 80}  # columns
+_COMMON_SETTINGS: dict[str, Any] = {
+    "no_args_is_help": True,
+    "rich_markup_mode": None,  # rich takes longer to import than everything else
+    "pretty_exceptions_enable": False,
+    "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 80},  # columns
+}
 
 app = typer.Typer(
     cls=_Program,
     help="Alpha and color of motion-blurred objects over a known background.",
     epilog="solve throw.png --plate empty_room.png -o out/",
-    no_args_is_help=True,
-    rich_markup_mode=None,  # rich takes longer to import than everything else
-    pretty_exceptions_enable=False,
-    context_settings=_HELP,
+    **_COMMON_SETTINGS,
 )
 
 calibrate = typer.Typer(
     cls=_Group,
+    name="calibrate",
     help="Measure a camera: its noise, or its response curve.",
     epilog="calibrate noise 'still/*.png' -o camera.json",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    context_settings=_HELP,
+    add_completion=False,
+    **_COMMON_SETTINGS,
 )
-app.add_typer(calibrate, name="calibrate")
+
+_registered = {"calibrate": calibrate}
 
 
-def command(*examples: str, group: typer.Typer = app) -> Callable[[F], F]:
+def command(*examples: str, group: typer.Typer | None = None) -> Callable[[F], F]:
     """Make a function a command of the program.
 
     A parameter whose type is a dataclass stands for one option for each of its fields. Every command
@@ -198,8 +247,13 @@ def command(*examples: str, group: typer.Typer = app) -> Callable[[F], F]:
     """
 
     def register(function: F) -> F:
-        """The function, after it was added to the group."""
-        group.command(cls=Command, epilog="\n".join(examples), context_settings=_HELP)(
+        """The function, after it was added to the group, or to the program."""
+        owner = group
+        if owner is None:
+            owner = typer.Typer(add_completion=False, **_COMMON_SETTINGS)
+            _registered[function.__name__] = owner
+        help_settings = _COMMON_SETTINGS["context_settings"]
+        owner.command(cls=Command, epilog="\n".join(examples), context_settings=help_settings)(
             _with_options(function)
         )
         return function

@@ -7,8 +7,6 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
 from blurmatte.cli.console import about, answer, argument, option, output, waiting
@@ -16,6 +14,7 @@ from blurmatte.cli.output_checks import check_file, check_plot
 from blurmatte.cli.quantities import box, number
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Reading
+from blurmatte.formats import MAX_PIXELS
 
 Pictures = Annotated[list[str], argument("PICTURE", f"Of one still scene: {ROWS}.")]
 Plot = Annotated[Path | None, option("FILE", "Draw what was measured: .png or .jpg.")]
@@ -68,9 +67,7 @@ def response(
         str | None, option("T,T,…", "Exposure times, 1/60 or 0.5; else the files'.")
     ] = None,
     plot: Plot = None,
-    max_pixels: Annotated[
-        int, option("N", "Refuse larger pictures; 200 million.")
-    ] = bm.checks.MAX_PIXELS,
+    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
     """Measure the curve of a camera from pictures of a still scene with different exposures."""
@@ -90,7 +87,7 @@ def response(
         bm.write(out, fit)
     words = bm.explain(fit)
     seen = {"exposure_times": fit.exposure_times, "agreement": fit.agreement}
-    answer(as_json, {**seen, "std": np.max(fit.std), "in_words": words}, [fit, *words])
+    answer(as_json, {**seen, "std": fit.std.max(), "in_words": words}, [fit, *words])
 
 
 def _measured(

@@ -7,15 +7,15 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
-
-import numpy as np
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import blurmatte as bm
-from blurmatte.checks import Array
 from blurmatte.cli.console import about, argument, option
 from blurmatte.cli.output_checks import CLIPS, SHEET, check_file
 from blurmatte.cli.quantities import numbers
+
+if TYPE_CHECKING:
+    from blurmatte.checks import Array
 
 CHANGES = "Changes, made in the order given"
 PLACE = "Where it goes"
@@ -23,6 +23,7 @@ LOOKS = "To look at"
 ROW = "Rows of layers"
 
 _HEX = "#?[0-9a-fA-F]{6}"
+_MAX_STOPS = 128  # light in files is float32, below 2**128
 
 Change: TypeAlias = "Callable[[bm.Layer], bm.Layer]"
 
@@ -183,9 +184,10 @@ def change_of(name: str, text: str) -> Change:
             return lambda layer: layer.amplify(*amounts)
         case "--expose":
             (stops,) = numbers(name, text, "a number of stops")
-            most = np.finfo(np.float32).maxexp  # the range of light in a file
-            if abs(stops) > most:
-                raise ValueError(f"{name} must lie between -{most} and {most}, got {text!r}")
+            if abs(stops) > _MAX_STOPS:
+                raise ValueError(
+                    f"{name} must lie between -{_MAX_STOPS} and {_MAX_STOPS}, got {text!r}"
+                )
             return lambda layer: layer.relight(2.0**stops)
         case "--gain":
             gains = numbers(name, text, "a factor", "red,green,blue")

@@ -24,7 +24,6 @@ from enum import IntEnum
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
-import numpy as np
 import typer
 
 import blurmatte as bm
@@ -176,7 +175,7 @@ def _plain(value: Any) -> Any:
     """The same in JSON's types."""
     if isinstance(value, dict):
         return {str(name): _plain(part) for name, part in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # NumPy's, which --help does not import
         return _plain(value.tolist())
     if isinstance(value, list | tuple):
         return [_plain(part) for part in value]

@@ -14,7 +14,6 @@ from typing import Annotated, Any
 import typer
 
 import blurmatte as bm
-from blurmatte.checks import check_same_size
 from blurmatte.cli.app import ORDER, command
 from blurmatte.cli.changes import (
     Background,
@@ -166,7 +165,7 @@ def remove(
         with about(plate.plate):
             match = bm.background.fit_match(picture, scene, matching_of(plate.match))
         with about(source):
-            check_same_size("the layer", before.size, "the image", picture.size)
+            bm.checks.check_same_size("the layer", before.size, "the image", picture.size)
             result, touched = bm.remove(picture, scene, streak, grow, match)
         done = _Edit(before, before.fade(0), picture, result)
         _write_in_place(out, image, done, touched, reading)

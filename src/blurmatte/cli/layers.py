@@ -21,6 +21,7 @@ from blurmatte.cli.console import (
 from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_outputs
 from blurmatte.cli.rows import ROWS
 from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
+from blurmatte.formats import MAX_PIXELS
 
 
 @command(
@@ -64,9 +65,7 @@ def paints(
     layer: Layer,
     color: Annotated[list[str], option("HEX", "The color of a paint; repeat for each.")],
     out: OutFolder,
-    max_pixels: Annotated[
-        int, option("N", "Refuse larger pictures; 200 million.")
-    ] = bm.checks.MAX_PIXELS,
+    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
     """Map how long each paint of an object was at each pixel.

@@ -5,17 +5,17 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeAlias
-
-import numpy as np
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import blurmatte as bm
-from blurmatte.checks import Bools, check_same_size
 from blurmatte.cli.changes import RowOptions
 from blurmatte.cli.console import about, say, with_progress
 from blurmatte.cli.output_checks import check_outputs
 from blurmatte.cli.rows import pictures_of
 from blurmatte.cli.selection import Reading
+
+if TYPE_CHECKING:
+    from blurmatte.checks import Bools
 
 Shown: TypeAlias = "tuple[bm.LinearImage, Bools]"
 # The picture with another object, and the pixels that changed; of picture, layer and streak.
@@ -99,7 +99,7 @@ def _layers_of(
     from blurmatte.files.sequences import source_paths
 
     row = bm.read_layers(source, max_pixels=reading.max_pixels)
-    check_same_size("the layer", row.size, "the image", frames.size)
+    bm.checks.check_same_size("the layer", row.size, "the image", frames.size)
     mine, known = row.frame_numbers, frames.frame_numbers
     if row.clip is not None:
         if len(row) != len(frames):
@@ -129,6 +129,8 @@ def _shown(
         while layer is not None and layer[0] < number:
             layer = next(layers, None)
         if layer is None or layer[0] > number or not layer[2].any():
+            import numpy as np  # not for --help
+
             yield picture, np.zeros(picture.valid.shape, bool)
             continue
         with about(source):

@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
-
 import blurmatte as bm
 from blurmatte.cli.console import GENERAL, about, argument, option, output
 from blurmatte.cli.quantities import box, frame_range, is_box, numbers
 from blurmatte.cli.rows import ROWS
-from blurmatte.formats import EXR, format_at, named
+from blurmatte.formats import EXR, MAX_PIXELS, format_at, named
 
 OBJECT = "The object"
 Out = Annotated[Path, output("Where to write.")]
@@ -43,7 +41,7 @@ class Reading:
         option("NAME|FILE.json", "Encoding: srgb, rec709, linear, slog3 …", GENERAL),
     ] = None
     max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.", GENERAL)] = (
-        bm.checks.MAX_PIXELS
+        MAX_PIXELS
     )
 
     @property
@@ -258,6 +256,8 @@ class Selection:
             return self._from_file(image)
         if kinds == {"hex"}:
             return bm.ColorModel.from_hex(*colors, to_srgb=image.meta.to_srgb)
+        import numpy as np  # not for --help
+
         samples = np.concatenate([self._samples(c, image, plate, streak) for c in colors])
         model = bm.ColorModel.from_samples(samples, rank, robust="core" in kinds)
         return replace(model, to_srgb=image.meta.to_srgb)
