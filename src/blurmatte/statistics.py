@@ -39,6 +39,19 @@ def robust_std(deviations: Floats) -> float:
     return MAD_TO_STD * float(np.median(np.abs(deviations)))
 
 
+def student_loss(chi2: Array, freedom: float, count: npt.ArrayLike) -> Array:
+    """Minus the log likelihood (Student's t) of χ², the squared residuals of `count` numbers each.
+
+    It is 0 without residuals. The fewer degrees of freedom, the more outliers are expected.
+    """
+    return np.asarray((freedom + np.asarray(count)) / 2 * np.log1p(chi2 / freedom))
+
+
+def student_weight(chi2: Array, freedom: float, count: npt.ArrayLike) -> Array:
+    """Weight of χ² in iteratively reweighted least squares: twice the slope of `student_loss`."""
+    return np.asarray((freedom + np.asarray(count)) / (freedom + chi2))
+
+
 def block_sums(values: Floats, size: int) -> Floats:
     """(H // size, W // size, ...) sums over blocks; an incomplete last row or column is dropped."""
     h, w = (side // size * size for side in values.shape[:2])

@@ -31,7 +31,7 @@ from blurmatte.background.warp import (
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage, rounding_noise
-from blurmatte.statistics import cell_means
+from blurmatte.statistics import cell_means, student_loss, student_weight
 
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
 # Free rows of light: none, gain, and offset, and a quadratic field of gain
@@ -44,7 +44,9 @@ _MIN_SIDE_PX = 48  # of the coarsest level
 _MAX_POINTS = 8_000  # compared: half of them on edges
 _MIN_SPACING_PX = 4  # of points: smoothing correlates the noise of nearer ones
 _EDGE_POSITION_STD_PX = 0.1  # the plate may be sharper than the image; splines ring
-_DEGREES_OF_FREEDOM = 3.0  # of the t distribution
+_DEGREES_OF_FREEDOM = (
+    3.0  # of the t distribution; few, since an object may cover much of the picture
+)
 _CURVATURE_RATIO = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
 _MAX_RESIDUAL_STD = 4.0  # residuals beyond are outliers and have no weight at last
 _MIN_SCALE = 0.1  # of the residuals, over the predicted noise
@@ -258,8 +260,7 @@ def _weights(residuals: Array, scale: float) -> Array:
     """(n, 3) weights of the t distribution; 0 outside the plate."""
     inside = np.isfinite(residuals)
     r = np.where(inside, residuals, 0) / scale
-    freedom = _DEGREES_OF_FREEDOM
-    return np.asarray(inside * (freedom + 1) / (freedom + r**2))
+    return inside * student_weight(r**2, _DEGREES_OF_FREEDOM, 1)
 
 
 def _compare(
@@ -291,16 +292,13 @@ def log_likelihood_gains(small: Alignment, large: Alignment) -> Array:
 
     0 for points that one of them puts outside the plate.
     """
-    freedom, scale = (
-        _DEGREES_OF_FREEDOM,
-        max(large.scale, _MIN_SCALE),
-    )
+    scale = max(large.scale, _MIN_SCALE)
     both = np.isfinite(small.residuals) & np.isfinite(large.residuals)
     before, after = (
-        np.log1p((np.where(both, fit.residuals, 0) / scale) ** 2 / freedom)
+        student_loss((np.where(both, fit.residuals, 0) / scale) ** 2, _DEGREES_OF_FREEDOM, 1)
         for fit in (small, large)
     )
-    return np.asarray((freedom + 1) / 2 * (before - after).sum(axis=1))
+    return np.asarray((before - after).sum(axis=1))
 
 
 def gain_score(level: ComparedPair, fit: Alignment) -> tuple[Array, Array]:

@@ -236,11 +236,11 @@ def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Data
     z, shape, (A, alpha) = stored.coefficients, (*view.pixels.shape, 3), blur
     transposed = A.T
     through, own = (1 - alpha)[:, None], A @ color
-    light = own + through * view.B
+    light = own + view.through(alpha)
     predicted = stored.codes_of(light).reshape(shape)
     with_plate = stored.codes_of(own + through * stored.plate_seen).reshape(shape)
     residual = stored.codes + with_plate - predicted - z.seen(predicted)
-    r = z.stored(np.where(view.valid.reshape(shape[:2])[..., None], residual, 0))
+    r = z.stored(np.where(view.valid[..., None], residual, 0))
     slope = 255 / stored.transfer.slope(np.maximum(light, MODEL_STD))  # codes per light
     variance = z.variances((slope**2 * view.variance(alpha)).reshape(shape))
     streak = np.repeat((alpha > 0).reshape(*shape[:2], 1), 3, axis=-1).astype(float)

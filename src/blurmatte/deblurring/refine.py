@@ -280,10 +280,10 @@ def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     near = seen_moments(view.sweep, pixels, poses_of(view.sweep, count=count))
 
     def model(moved: View) -> Array:
-        """Light (pixels, 3) that the object adds to the plate."""
+        """Light (pixels, 3) of the picture."""
         poses = poses_of(moved.sweep, count=count)
         alpha, light = blurred(color, moved.sweep, lattice, pixels, poses, near)
-        return light - alpha[:, None] * view.B
+        return light + view.through(alpha)
 
     at, start, steps = view.parameters, model(view), view.steps
     J = np.zeros((*start.shape, len(at)))
@@ -316,7 +316,7 @@ def _derivatives_on_sphere(
     for k in np.flatnonzero(steps[:-HARMONICS] > 0):
         moved = view.moved(_stepped(at, steps, int(k)))
         other, changed, larger = moved.projected(sphere, count, color, spread)
-        away = changed[..., 0] - light[..., 0] - (other - alpha)[:, None] * view.B
+        away = changed[..., 0] - light[..., 0] + view.through(other) - view.through(alpha)
         J[..., k] = away / steps[k]
         volumes[:, k] = 3 * (larger[:, 0] - volume[:, 0]) / steps[k]
     return J, volumes

@@ -27,6 +27,7 @@ from blurmatte.deblurring.operator import Seen, Sparse, poses_of, row_sums, seen
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
+from blurmatte.descent import descended
 
 # Grid, lattice and climbs of the search; angles in radians.
 NODES_PER_RADIUS = 5
@@ -71,6 +72,7 @@ class Mode:
 class Solved:
     """The most probable texture (n, 3), field (k, 3) and highlights, and what they derive from."""
 
+    rotation: Array
     log_evidence: float
     noise_scale: float
     factor: Array
@@ -79,6 +81,11 @@ class Solved:
     coupling: Array
     schur: Array
     gloss: Array | None = None
+
+    @property
+    def cost(self) -> float:
+        """Minus the log evidence."""
+        return -self.log_evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,9 +203,9 @@ class Search:
         N, right = self._equations(rotation, contrasts[0], np.hstack([self.C, self.P]))
         matrices = [N + (c**-2 - contrasts[0] ** -2) * self.prior for c in contrasts[1:]]
         pairs = zip([N, *matrices], contrasts, strict=True)
-        return [self._solved(matrix, right, contrast) for matrix, contrast in pairs]
+        return [self._solved(rotation, matrix, right, contrast) for matrix, contrast in pairs]
 
-    def _solved(self, matrix: Array, right: Array, contrast: float) -> Solved:
+    def _solved(self, rotation: Array, matrix: Array, right: Array, contrast: float) -> Solved:
         """The marginal likelihood for a contrast; the upper triangle of the matrix is overwritten."""
         factor, _ = scipy.linalg.lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
         light, field, k = self.W[:, None] * self.P, self.W[:, None] * self.C, self.C.shape[1]
@@ -216,13 +223,13 @@ class Search:
         volume = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(schur)[1]
         log_z = 1.5 * (-2 * nodes * np.log(contrast) - freedom * np.log(misfit) - volume)
         scale = misfit / (3 * freedom)
-        return Solved(float(log_z), scale, factor, texture, beta, coupling, schur)
+        return Solved(rotation, float(log_z), scale, factor, texture, beta, coupling, schur)
 
     def glossy(self, rotation: Array, contrast: float) -> Solved:
         """`solved` with highlights."""
         k = self.C.shape[1] + 3
         N, right = self._equations(rotation, contrast, np.hstack([self.C, self.P, self.G]))
-        at, light = self._solved(N, right[:, :k], contrast), self.W[:, None] * self.G
+        at, light = self._solved(rotation, N, right[:, :k], contrast), self.W[:, None] * self.G
         of_nodes = scipy.linalg.solve_triangular(
             at.factor, right[:, k:], lower=True, check_finite=False
         )
@@ -248,16 +255,16 @@ class Search:
             gloss=found,
         )
 
-    def stepped(self, rotation: Array, at: Solved) -> Array:
-        """The step of Gauss and Newton for log Z(ω), without the change of volume, at most 12°."""
+    def information(self, at: Solved) -> tuple[Array, Array]:
+        """Curvature (3, 3) and gradient (3,) of −log Z(ω), without the change of volume."""
         from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
 
-        spin = Spin(rotation)
+        spin = Spin(at.rotation)
         J = sphere_kernel.turned(
             *(self.entries, spin.turns(self.t), spin.jacobians(self.t)),
             *(self.sphere.node, at.texture),
         ).reshape(len(self.P), 9)  # (channel, parameter)
-        A = self.operator(rotation)
+        A = self.operator(at.rotation)
         r = self.P - A @ at.texture - self.C @ at.field
         r -= 0 if at.gloss is None else (self.G @ at.gloss)[:, None]
         weighted = self.W[:, None] * J
@@ -269,24 +276,19 @@ class Search:
         full -= of_field.T @ np.linalg.solve(at.schur, of_field)
         H = sum(full[3 * c : 3 * c + 3, 3 * c : 3 * c + 3] for c in range(3))
         g = np.einsum("pck,pc->k", weighted.reshape(-1, 3, 3), r)
-        values, axes = np.linalg.eigh(H / at.noise_scale)
-        step = axes @ (axes.T @ g / at.noise_scale / np.maximum(values, _MAX_STEP**-2))
-        return np.asarray(step * min(1, _MAX_STEP / max(float(np.linalg.norm(step)), 1e-12)))
+        return np.asarray(H / at.noise_scale), -g / at.noise_scale
 
     def climbed(self, rotation: Array, contrast: float) -> Mode:
         """The maximum of the evidence near a rotation."""
-        at = self.glossy(rotation, contrast)
-        for _ in range(_MAX_STEPS):
-            step = self.stepped(rotation, at)
-            tried = ((f, self.glossy(rotation + f * step, contrast)) for f in (1.0, 0.5, 0.25))
-            better = next((one for one in tried if one[1].log_evidence > at.log_evidence), None)
-            if better is None:
-                break
-            gain = better[1].log_evidence - at.log_evidence
-            rotation, at = rotation + better[0] * step, better[1]
-            if gain < _MIN_GAIN:
-                break
-        return Mode(rotation, at.log_evidence)
+
+        def moved(at: Solved, step: Array) -> Solved:
+            """After a step of at most 12°."""
+            step = step * min(1, _MAX_STEP / max(float(np.linalg.norm(step)), 1e-12))
+            return self.glossy(at.rotation + step, contrast)
+
+        start = self.glossy(rotation, contrast)
+        end, _ = descended(start, self.information, moved, _MAX_STEPS, _MIN_GAIN)
+        return Mode(end.rotation, end.log_evidence)
 
     def ranked(self, rotations: Iterable[Array]) -> list[Mode]:
         """Rotations with their evidence without highlights, the likeliest first."""

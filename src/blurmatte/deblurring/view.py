@@ -9,11 +9,12 @@ edge between nodes errs by more than the noise of dark pixels.
 """
 
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations
@@ -27,8 +28,8 @@ from blurmatte.deblurring.operator import (
 )
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin
-from blurmatte.radiometry import SRGB, LinearImage, Transfer, smooth_variance
-from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.radiometry import SRGB, LinearImage, Transfer
+from blurmatte.sweep.model.pixels import PixelBox, light_of, means
 from blurmatte.sweep.sweep import Sweep
 
 MODEL_STD = 0.003  # δ, linear light
@@ -71,20 +72,14 @@ class StoredCodes:
         return np.asarray(255 * self.transfer.encode(np.maximum(light, 0)))
 
 
-@dataclass(frozen=True, eq=False)
-class View:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View(PixelBox):
     """The pixels of a box of a picture, and how the object moved in it.
 
     Parameters
     ----------
     sweep : Sweep
-    pixels : Pixels
-    C, B : (h w, 3) float
-        Image and plate, linear light.
-    C_variance, B_variance : (h w, 3) float
-        Of their noise.
-    valid : (h w,) bool
-    alpha_std : (h w,) float
+    alpha_std : (h, w) float
         Error of alpha from that of the sweep.
     stored : StoredCodes or None
         The image as its JPEG file stores it, if the file's compression is known.
@@ -95,12 +90,6 @@ class View:
     """
 
     sweep: Sweep
-    pixels: Pixels
-    C: Array
-    B: Array
-    C_variance: Array
-    B_variance: Array
-    valid: Bools
     alpha_std: Array
     stored: StoredCodes | None = None
     spin: Spin | None = None
@@ -122,46 +111,25 @@ class View:
         image, plate = image.crop(box), sweep.in_shadow(plate.crop(box), box)
         stored = StoredCodes.of(image, plate)
         image = sweep.before_file(image, plate, box)
-        flat = (-1, 3)
         return cls(
-            sweep,
-            Pixels.of_box(box),
-            np.asarray(image.rgb, float).reshape(flat),
-            np.asarray(plate.rgb, float).reshape(flat),
-            smooth_variance(image).reshape(flat),
-            smooth_variance(plate).reshape(flat),
-            (image.valid & plate.valid).ravel(),
-            sweep.within(box)[1].ravel(),
-            stored,
-            spin,
+            *light_of(image, plate),
+            (float(box[0]), float(box[1])),
+            1.0,
+            sweep=sweep,
+            alpha_std=sweep.within(box)[1],
+            stored=stored,
+            spin=spin,
         )
 
-    def coarser(self, by: int) -> "View":
+    def coarser(self, by: int) -> Self:
         """Means over blocks of by × by pixels; an incomplete last row or column is dropped."""
-
-        def means(values: Array | Bools) -> Array:
-            """Of the blocks (m, c), of values (h w,) or (h w, c)."""
-            (h, w), shape = (n // by for n in self.pixels.shape), self.pixels.shape
-            whole = values.reshape(*shape, -1)[: h * by, : w * by].astype(float)
-            return np.asarray(whole.reshape(h, by, w, by, -1).mean(axis=(1, 3)).reshape(h * w, -1))
-
-        return replace(
-            self,
-            pixels=self.pixels.coarser(by),
-            C=means(self.C),
-            B=means(self.B),
-            C_variance=means(self.C_variance) / by**2,
-            B_variance=means(self.B_variance) / by**2,
-            valid=means(self.valid)[:, 0] == 1,
-            alpha_std=means(self.alpha_std)[:, 0],
-        )
+        return replace(super().coarser(by), alpha_std=means(self.alpha_std, by))
 
     def for_path(self) -> "View":
         """The view with one weight of all channels, in a file of its components."""
         T = np.eye(3) if self.stored is None else self.stored.coefficients.equally_noisy.T
-        C, B, C_variance = self.C @ T, self.B @ T, self.C_variance @ T**2
-        light = replace(self, C=C, B=B, C_variance=C_variance, B_variance=self.B_variance @ T**2)
-        return replace(light, shared_weight=True)
+        C, B, V_C, V_B = self.along(T)
+        return replace(self, C=C, B=B, C_variance=V_C, B_variance=V_B, shared_weight=True)
 
     @property
     def parameters(self) -> Array:
@@ -198,7 +166,7 @@ class View:
         """The view with the error of alpha of its sweep, which has moved."""
         (h, w), (x, y) = self.pixels.shape, self.pixels.origin
         box = int(x), int(y), int(x) + w, int(y) + h
-        return replace(self, alpha_std=self.sweep.within(box)[1].ravel())
+        return replace(self, alpha_std=self.sweep.within(box)[1])
 
     def moment_count(self, step: float | None = None) -> int:
         """Number of moments at most `step` pixels apart: by default half a one, one on long paths."""
@@ -222,13 +190,18 @@ class View:
 
     def light(self, alpha: Array) -> Array:
         """(h w, 3) premultiplied light P for an alpha (h w,)."""
-        return self.C - (1 - alpha)[:, None] * self.B
+        return self.C.reshape(-1, 3) - self.through(alpha)
+
+    def through(self, alpha: Array) -> Array:
+        """(h w, 3) light of the plate that an object with an alpha (h w,) leaves."""
+        return (1 - alpha)[:, None] * self.B.reshape(-1, 3)
 
     def variance(self, alpha: Array) -> Array:
         """(h w, 3) variance of P for an alpha (h w,)."""
         mean = self.light(alpha).sum(axis=0) / max(float(alpha.sum()), 1e-9)
-        through, error = (1 - alpha)[:, None] ** 2, self.alpha_std[:, None] * (self.B - mean)
-        return np.asarray(self.C_variance + through * self.B_variance + error**2 + MODEL_STD**2)
+        B, V_C, V_B = (x.reshape(-1, 3) for x in (self.B, self.C_variance, self.B_variance))
+        error = self.alpha_std.reshape(-1, 1) * (B - mean)
+        return np.asarray(V_C + (1 - alpha)[:, None] ** 2 * V_B + error**2 + MODEL_STD**2)
 
     def weight(self, alpha: Array, around: bool = False) -> Array:
         """(h w, 3) inverse variance of P; (h w, 1), of the mean, if it is shared or for a spin.
@@ -238,7 +211,7 @@ class View:
         variance = self.variance(alpha)
         if self.shared_weight or self.spin is not None:  # one factor instead of three
             variance = variance.mean(axis=1, keepdims=True)
-        return np.where((self.valid & (around | (alpha > 0)))[:, None], 1 / variance, 0)
+        return np.where((self.valid.ravel() & (around | (alpha > 0)))[:, None], 1 / variance, 0)
 
     def equations(self, blur: Blur, lattice: Lattice | Sphere, weight: Array) -> NormalEquations:
         """Normal equations of the straight color."""

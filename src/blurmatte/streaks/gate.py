@@ -17,7 +17,7 @@ import scipy
 from blurmatte.checks import Bools, Box, Floats32, check_same_size
 from blurmatte.compiling import njit
 from blurmatte.radiometry.coded import CodedFrame, Planes
-from blurmatte.statistics import MAD_TO_STD
+from blurmatte.statistics import MAD_TO_STD, block_sums
 
 CELL = 2  # pixels: half resolution
 
@@ -85,7 +85,7 @@ class Gate:
                 own, part = slice(side * rows.start, side * rows.stop), cells[rows]
                 shown = ((_summed(p[c][own], part.shape, plate.zero[c]), gain) for p, gain in few)
                 d = np.stack([summed - gain * part for summed, gain in shown])
-                stds[1].append(_std(np.stack([_block_sums(one, block) for one in d])))
+                stds[1].append(_std(np.stack([block_sums(one, block) for one in d])))
                 stds[0].append(_std(d))
             of_cells, over_blocks = map(np.concatenate, stds)
             in_cell = CELL**2 if plate.planes[c].shape == plate.planes[0].shape else 1
@@ -163,11 +163,6 @@ def _gain(few: Floats32, expected: Floats32) -> float:
         return 1.0
     gain = float(np.median(few[bright] / b[bright]))
     return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
-
-
-def _block_sums(cells: Floats32, block: int) -> Floats32:
-    h, w = (n // block for n in cells.shape)
-    return np.asarray(cells.reshape(h, block, w, block).sum(axis=(1, 3)))
 
 
 def _strips(height: int, samples: int) -> Iterator[slice]:

@@ -61,13 +61,19 @@ def true_positions(sag=0.0):
     return np.array([START, (START + END) / 2 - sag * SAG / 8, END])
 
 
+def without_light(shape, origin):
+    """An observation of pixels alone."""
+    nothing, one = 4 * [np.zeros((*shape, 0))], np.ones(shape)
+    everywhere = one > 0
+    return Observation(
+        *nothing, everywhere, origin, 1.0, weight=one, streak=everywhere, near=everywhere, size=SIZE
+    )
+
+
 @pytest.mark.parametrize("lens", [LENS, WIDE], ids=["lens", "wide"])
 def test_alpha_is_fraction_of_time_that_rays_meet_the_ball(lens):
     """oracle: rays within each pixel at 60 moments."""
-    nothing, one = np.zeros((30, 44, 0)), np.ones((30, 44))
-    data = Observation(
-        nothing, nothing, nothing, nothing, one, one > 0, one > 0, one > 0, SIZE, (12.0, 8.0)
-    )
+    data = without_light((30, 44), (12.0, 8.0))
     path, shape = np.array([22.0, 20, 45, 27]), np.array([7.0, 0.3])
     ball = PerspectiveBall.in_observation(lens, data)
     alpha = ball.sweep(LINE, path, shape, data.pixels).alpha
@@ -87,10 +93,7 @@ def test_alpha_is_fraction_of_time_that_rays_meet_the_ball(lens):
 
 def test_derivatives_match_differences():
     """oracle: differences, summed over patches, because edges within pixels are taken as straight."""
-    nothing, one = np.zeros((70, 120, 0)), np.ones((70, 120))
-    data = Observation(
-        nothing, nothing, nothing, nothing, one, one > 0, one > 0, one > 0, SIZE, (20.0, 5.0)
-    )
+    data = without_light((70, 120), (20.0, 5.0))
     ball = PerspectiveBall.in_observation(LENS, data)
     p = np.array([50.0, 35, 85, 45, 115, 40, 14.0, 0.1, 0.05])
     swept = ball.sweep(PARABOLA, p[:6], p[6:], data.pixels)

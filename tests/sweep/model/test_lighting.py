@@ -3,7 +3,6 @@
 import numpy as np
 
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.observation import Observation
 
@@ -33,8 +32,8 @@ def observed(change: np.ndarray, object_alpha: np.ndarray | None = None) -> Obse
     one, everywhere = np.ones(change.shape), np.ones(change.shape, bool)
     variance = np.full(C.shape, NOISE**2)
     return Observation(
-        C, B, variance, 0 * variance, one, everywhere, everywhere, everywhere, SIZE, (0.0, 0.0),
-        ColorPrior(np.eye(3)), grain=GRAIN,
+        C, B, variance, 0 * variance, everywhere, (0.0, 0.0), 1.0,
+        weight=one, streak=everywhere, near=everywhere, size=SIZE, grain=GRAIN,
     )  # fmt: skip
 
 

@@ -37,7 +37,9 @@ def random_observation(width=13, height=11, seed=0):
     light = rng.uniform(0, 1, (4, height, width, 3))
     valid, moved, near = rng.uniform(0, 1, (3, height, width)) > [[[0.1]], [[0.8]], [[0.5]]]
     weight = np.where(valid, rng.uniform(0.1, 1, valid.shape), 0)
-    return Observation(*light, weight, valid, moved, near, SIZE, (7.0, 3.0))
+    return Observation(
+        *light, valid, (7.0, 3.0), 1.0, weight=weight, streak=moved, near=near, size=SIZE
+    )
 
 
 def blocks(values, by):

@@ -27,6 +27,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools
+from blurmatte.statistics import student_loss, student_weight
 
 _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determined
 _MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
@@ -207,14 +208,12 @@ def student_cost(chi2: Array, logs: Array, freedom: Array) -> float:
 
     chi2, logs, freedom (n,): χ², log determinant of its covariance, and degrees of freedom of each.
     """
-    nu = _STUDENT_FREEDOM
-    return float(np.sum((nu + freedom) / 2 * np.log1p(chi2 / nu) + logs / 2))
+    return float(np.sum(student_loss(chi2, _STUDENT_FREEDOM, freedom) + logs / 2))
 
 
 def student_weights(chi2: Array, freedom: Array) -> Array:
     """(n,) weights of measurements with residuals χ² of so many numbers each."""
-    nu = _STUDENT_FREEDOM
-    return np.asarray(np.minimum((nu + freedom) / (nu + chi2), 1.0))
+    return np.asarray(np.minimum(student_weight(chi2, _STUDENT_FREEDOM, freedom), 1.0))
 
 
 def student_inflation(freedom: int) -> float:

@@ -9,21 +9,41 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Array
+from blurmatte.descent import descended
 from blurmatte.motion.space.rotation_ring import GRID, RingPixels
 
 # Of ρ: −1 and −3 describe straight edges that miss the center, 2 describes curved edges.
 _POWERS = (-3.0, -1.0, 0.0, 1.0, 2.0)
 
 
-# The Levenberg–Marquardt descent of a fit of blades.
+# The descent of a fit of blades.
 _MAX_STEPS = 60
 _MIN_GAIN = 1e-2  # log likelihood: the fit has converged
 _MAX_TURN_STEP = 0.5  # of ω, for ω and the edges: the range of the linearization
 _MAX_CENTER_STEP_PX = 5.0
 _HUBER_RESIDUAL = 3.0  # standard deviations: larger residuals have the linear loss
-_MIN_CURVATURE = 1e-12  # of the largest
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Parameters, residuals in standard deviations, and their derivatives, in a search."""
+
+    p: Array
+    e: Array
+    J: Array
+
+    @property
+    def cost(self) -> float:
+        """Huber's loss."""
+        return float(scipy.special.huber(_HUBER_RESIDUAL, self.e).sum())
+
+    def information(self) -> tuple[Array, Array]:
+        """Curvature (m, m) and gradient (m,) of the cost."""
+        weight = 1 / np.maximum(np.abs(self.e) / _HUBER_RESIDUAL, 1)
+        return (self.J * weight[:, None]).T @ self.J, self.J.T @ (weight * self.e)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,24 +70,15 @@ class Blades:
 
     def _descended(self, p: Array, pixels: RingPixels) -> tuple[Array, Array, Array]:
         """Parameters, residuals and their derivatives at the minimum of Huber's loss."""
-        damping = 1e-3
-        e, J = self._residuals(p, pixels)
-        for _ in range(_MAX_STEPS):
-            weight = 1 / np.maximum(np.abs(e) / _HUBER_RESIDUAL, 1)
-            H, g = (J * weight[:, None]).T @ J, J.T @ (weight * e)
-            least = _MIN_CURVATURE * np.diag(H).max()
-            damped = H + damping * np.diag(np.diag(H)) + least * np.eye(len(p))
-            step = np.linalg.solve(damped, g)
-            tried = p - step / max(self._step_excess(p, step), 1)
-            e_tried, J_tried = self._residuals(tried, pixels)
-            gain = float(_huber(e) - _huber(e_tried))
-            if gain <= 0:
-                damping *= 5
-                continue
-            p, e, J, damping = tried, e_tried, J_tried, max(damping / 5, 1e-8)
-            if gain < _MIN_GAIN:
-                break
-        return p, e, J
+
+        def moved(point: _Point, step: Array) -> _Point:
+            """A step, shortened to where alpha is about linear."""
+            p = point.p + step / max(self._step_excess(point.p, step), 1)
+            return _Point(p, *self._residuals(p, pixels))
+
+        start = _Point(p, *self._residuals(p, pixels))
+        found, _ = descended(start, _Point.information, moved, _MAX_STEPS, _MIN_GAIN)
+        return found.p, found.e, found.J
 
     def _step_excess(self, p: Array, step: Array) -> float:
         """Size of a step over the largest that is allowed."""
@@ -116,12 +127,6 @@ class Blades:
                     J[:, 0] += sign * by_u * (dy / rho**2 + bend * dx / rho)
                     J[:, 1] += sign * by_u * (-dx / rho**2 + bend * dy / rho)
         return alpha, J
-
-
-def _huber(e: Array) -> float:
-    """Huber's loss of residuals, in standard deviations."""
-    beyond = np.maximum(np.abs(e) - _HUBER_RESIDUAL, 0)
-    return float(np.sum(e**2 - beyond**2)) / 2
 
 
 def ramp(u: Array, omega: float, pixel: Array) -> tuple[Array, Array, Array]:

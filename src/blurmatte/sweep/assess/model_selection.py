@@ -21,6 +21,7 @@ from blurmatte.statistics import block_squares
 from blurmatte.streaks import Streak
 from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.pixels import means
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep
 
@@ -98,8 +99,7 @@ def in_observation(values: Array, observation: Observation) -> Array:
     scale = round(observation.scale)
     x0, y0 = (round(at - (scale - 1) / 2) for at in observation.origin)
     h, w = observation.weight.shape
-    box = values[y0 : y0 + h * scale, x0 : x0 + w * scale]
-    return np.asarray(box.reshape(h, scale, w, scale).mean(axis=(1, 3)), float)
+    return means(values[y0 : y0 + h * scale, x0 : x0 + w * scale], scale)
 
 
 @dataclass(frozen=True, eq=False)

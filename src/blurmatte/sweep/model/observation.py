@@ -2,18 +2,19 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
-from blurmatte.statistics import block_squares, cell_means
+from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer
+from blurmatte.statistics import block_squares
 from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
-from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.pixels import PixelBox, light_of, means
 
 
 @dataclass(frozen=True)
@@ -30,25 +31,16 @@ class BlockStatistics:
     trimmed_outside: float = 0.3
 
 
-@dataclass(frozen=True, eq=False)
-class Observation:
-    """Image and plate within a box."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Observation(PixelBox):
+    """Image and plate within a box, and what is known of what moved there."""
 
-    # (h, w, 3) float: light
-    C: Array
-    B: Array
-    # (h, w, 3) float: noise
-    C_variance: Array
-    B_variance: Array
     weight: Array  # (h, w) float: of a pixel: 1, less far from the streak, 0 where it is not valid
-    valid: Bools  # (h, w) bool: where image and plate are valid
     streak: Bools  # (h, w) bool: where something moved
     near: Bools  # (h, w) bool: where the object may have been
     size: tuple[float, float]  # (width, height) of the picture, in its pixels
-    origin: tuple[float, float]  # where the center of pixel (0, 0) is, in pixels of the picture
     # What is known of the object's colors, and the axes of color space for its field
     color: ColorPrior = field(default_factory=lambda: ColorPrior(np.eye(3)))
-    scale: float = 1.0  # width of a pixel here, in pixels of the picture
     grain: float = 4.0  # pixels of the picture within which the object's color hardly changes
     noise_inflation: float = 1.0  # variance of the noise here over the variance that was measured
     # (h, w, 3) float: light by which the image's file may have changed a pixel's color
@@ -59,25 +51,15 @@ class Observation:
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
 
     @property
-    def pixels(self) -> Pixels:
-        """Where the pixels are."""
-        h, w = self.weight.shape
-        return Pixels((h, w), self.origin, self.scale)
-
-    @property
     def pitch(self) -> float:
         """`grain` in the pixels here, at least two."""
         return max(self.grain / self.scale, 2.0)
 
     @cached_property
     def light(self) -> tuple[Array, Array, Array, Array]:
-        """Image, plate, and the variances of both, (h, w, 3) each, along the axes of color.
-
-        The noise along different axes is taken to be independent.
-        """
+        """Image, plate, and the variances of both, (h, w, 3) each, along the axes of color."""
         axes = self.color.axes
-        C, B = (np.ascontiguousarray(light @ axes) for light in (self.C, self.B))
-        V_C, V_B = (np.ascontiguousarray(V @ axes**2) for V in (self.C_variance, self.B_variance))
+        C, B, V_C, V_B = self.along(axes)
         if self.chroma_error is not None:
             V_C += (self.chroma_error @ axes) ** 2
         return C, B, V_C, V_B
@@ -142,29 +124,17 @@ class Observation:
         """The same on the largest blocks of which a radius (pixels of the picture) has so many."""
         return self.coarser(max(1, int(radius / (pixels * self.scale))))
 
-    def coarser(self, by: int) -> "Observation":
+    def coarser(self, by: int) -> Self:
         """Means over blocks of `by` by `by` pixels; an incomplete last row or column is dropped."""
         if by == 1:
             return self
-
-        def means(x: Array) -> Array:
-            """Means over coarse pixels."""
-            return np.asarray(cell_means(x, by), dtype=float)
-
-        pixels, whole = self.pixels.coarser(by), means(self.valid.astype(float)) == 1
+        coarse = super().coarser(by)
         return replace(
-            self,
-            C=means(self.C),
-            B=means(self.B),
-            C_variance=means(self.C_variance) / by**2,
-            B_variance=means(self.B_variance) / by**2,
-            weight=np.where(whole, means(self.weight), 0),
-            valid=whole,
-            streak=means(self.streak.astype(float)) > 0,
-            near=means(self.near.astype(float)) > 0,
-            origin=pixels.origin,
-            scale=pixels.scale,
-            chroma_error=None if self.chroma_error is None else means(self.chroma_error),
+            coarse,
+            weight=np.where(coarse.valid, means(self.weight, by), 0),
+            streak=means(self.streak, by) > 0,
+            near=means(self.near, by) > 0,
+            chroma_error=None if self.chroma_error is None else means(self.chroma_error, by),
             compression=None,
         )
 
@@ -180,21 +150,17 @@ def observation_around(
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
     mask = streak.mask[box[1] : box[3], box[0] : box[2]]
-    valid = image.valid & plate.valid
+    C, B, _, _, valid = light = light_of(image, plate)
     near = (scipy.ndimage.distance_transform_edt(~mask) <= margin) | ~valid
-    C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
     return Observation(
-        C,
-        B,
-        smooth_variance(image),
-        smooth_variance(plate),
-        np.where(valid, np.where(near, 1, 0.1), 0),  # pixels far from the streak are many
-        valid,
-        mask,
-        near,
-        size,
+        *light,
         (float(box[0]), float(box[1])),
-        color,
+        1.0,
+        weight=np.where(valid, np.where(near, 1, 0.1), 0),  # pixels far from the streak are many
+        streak=mask,
+        near=near,
+        size=size,
+        color=color,
         chroma_error=_chroma_error(C - B, image.meta.sharing),
         compression=image.meta.sharing,
     )

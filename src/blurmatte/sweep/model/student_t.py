@@ -1,21 +1,19 @@
-"""Student's t distribution of residuals: normal noise with occasional outliers."""
+"""Residuals of a pixel, of unit variance in three channels, under Student's t distribution."""
 
-import numpy as np
-
+from blurmatte import statistics
 from blurmatte.checks import Array
 
-DEGREES_OF_FREEDOM = 6.0
+DEGREES_OF_FREEDOM = 6.0  # the variance is finite, and whatever else moved has little influence
 VARIANCE = (
     1.129  # of an estimate over its inverse curvature with these weights, for normal residuals
 )
 
 
 def loss(chi2: Array) -> Array:
-    """Minus the log likelihood of squared residuals of unit variance, in three dimensions."""
-    scale = (DEGREES_OF_FREEDOM + 3) / 2
-    return np.asarray(np.log1p(chi2 / DEGREES_OF_FREEDOM) * scale)
+    """Minus the log likelihood of squared residuals, see `statistics.student_loss`."""
+    return statistics.student_loss(chi2, DEGREES_OF_FREEDOM, 3)
 
 
 def student_weight(chi2: Array) -> Array:
-    """Weight of squared residuals in iteratively reweighted least squares: twice the loss's slope."""
-    return np.asarray((DEGREES_OF_FREEDOM + 3) / (DEGREES_OF_FREEDOM + chi2))
+    """Weight of squared residuals, see `statistics.student_weight`."""
+    return statistics.student_weight(chi2, DEGREES_OF_FREEDOM, 3)

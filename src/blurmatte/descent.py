@@ -1,0 +1,92 @@
+"""Levenberg–Marquardt steps from a start to the nearest point of least cost."""
+
+from collections.abc import Callable
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from blurmatte.checks import Array
+
+# Damping, of the curvature
+_FIRST_DAMPING = 1e-2
+_MIN_DAMPING = 1e-7
+_DAMPING_AFTER_FAILURE = 0.1  # less hardly changes a step that failed
+# Factors of the damping after bad and good steps
+_INCREASE = 6
+_DECREASE = 5
+_MAX_TRIALS = 8  # dampings in one step
+_MIN_GAIN_RATIO = 0.25  # of the predicted gain; a smaller gain increases the damping
+_MIN_CURVATURE = 1e-10  # of the largest curvature
+
+
+class WithCost(Protocol):
+    """A point of a search: anything that has a cost."""
+
+    @property
+    def cost(self) -> float:
+        """Minus the log likelihood, or another cost that is to be least."""
+        ...
+
+
+P = TypeVar("P", bound=WithCost)
+
+
+def descended(
+    start: P,
+    information: Callable[[P], tuple[Array, Array]],
+    moved: Callable[[P, Array], P],
+    max_steps: int,
+    tolerance: float,
+    stops: Callable[[P], bool] = lambda _: False,
+) -> tuple[P, bool]:
+    """The point of least cost near a start, and whether no step gains more than the tolerance.
+
+    Parameters
+    ----------
+    start : P
+    information : callable
+        Curvature (k, k) and gradient (k,) of the cost at a point, both 0 for what is held. They may be
+        overwritten.
+    moved : callable
+        The point after a step (k,), which it may shorten to where the model is about linear.
+    max_steps : int
+        Largest number of accepted steps.
+    tolerance : float
+        Of the cost.
+    stops : callable
+        Whether the search ends at a point without having converged.
+    """
+    point, damping = start, _FIRST_DAMPING
+    for _ in range(max_steps):
+        H, g = information(point)
+        if not (np.isfinite(H).all() and np.diag(H).max() > 0):
+            return point, False  # data say nothing here, or the fit is far off
+        scales = np.sqrt(np.maximum(np.diag(H), 0) + _MIN_CURVATURE * np.diag(H).max())
+        curvature, slope = H / np.outer(scales, scales), g / scales
+        for _ in range(_MAX_TRIALS):
+            damped = curvature + (damping + _MIN_CURVATURE) * np.eye(len(H))
+            step = -np.linalg.lstsq(damped, slope)[0] / scales
+            predicted = -float(g @ step) / 2
+            if predicted < tolerance:
+                return point, True
+            tried = moved(point, np.asarray(step, float))
+            gain = point.cost - tried.cost
+            if gain > 0:
+                break
+            damping = _increased(damping)
+        else:
+            return point, True
+        point = tried
+        if stops(point):
+            return point, False
+        if gain < tolerance:
+            return point, True
+        if gain < _MIN_GAIN_RATIO * predicted:
+            damping = _increased(damping)
+        else:
+            damping = max(damping / _DECREASE, _MIN_DAMPING)
+    return point, False
+
+
+def _increased(damping: float) -> float:
+    return max(_INCREASE * damping, _DAMPING_AFTER_FAILURE)
