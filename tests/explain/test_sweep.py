@@ -19,6 +19,8 @@ def disc_on_arc(**fields):
     disc = SweepSummary(
         silhouette="disc",
         path="arc",
+        path_in_words="an arc",
+        is_disc=True,
         xy=(),
         length=177.0,
         radius=18.0,
@@ -97,20 +99,25 @@ def test_soft_rim_is_stated_if_significant(solution, softness, said):
 
 
 @pytest.mark.parametrize(
-    ("silhouette", "words"),
+    ("silhouette", "is_disc", "words"),
     [
+        ("growing disc", True, "A growing disc of radius 18.00 ± 0.03 px on an arc"),
+        ("changing ellipse", False, "A changing ellipse with the area of a disc of radius 18.00"),
         (
-            "growing disc",
-            "A disc whose size changes, of radius 18.00 ± 0.03 px in the middle of the ",
+            "ellipse",
+            False,
+            "An ellipse with the area of a disc of radius 18.00 ± 0.03 px on an arc",
         ),
-        ("changing ellipse", "An ellipse that changes with the area of a disc of radius 18.00"),
-        ("turning ellipse", "An ellipse that turns with the area of a disc of radius 18.00"),
-        ("turning, changing outline of order 6", "A shape that turns and changes with the area"),
-        ("outline of order 6", "A shape with the area of a disc"),
+        (
+            "turning, changing outline of order 6",
+            False,
+            "A turning, changing outline of order 6 with",
+        ),
+        ("outline of order 6", False, "An outline of order 6 with the area of a disc"),
     ],
 )
-def test_rotation_and_change_of_the_shape_are_stated(solution, silhouette, words):
-    said = explain(solution(sweep=disc_on_arc(silhouette=silhouette)))
+def test_kind_of_the_shape_is_stated(solution, silhouette, is_disc, words):
+    said = explain(solution(sweep=disc_on_arc(silhouette=silhouette, is_disc=is_disc)))
     assert words in " ".join(said)
 
 

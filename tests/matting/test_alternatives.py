@@ -7,14 +7,22 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative, alternative, listed
+from blurmatte.matting import PixelMaps
+from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
+from blurmatte.matting.fitted_hypothesis import Shapeless
 from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.sweep.assess.model_selection import Evidence
 
 NOISE = NoiseModel(read_std=1e-3)
 PLATE, COLOR = np.array([0.3, 0.32, 0.35]), np.array([0.6, 0.3, 0.1])
 BOX = 0, 0, 12, 9
 ONE = Alternative("disc on an arc, one paint", (0.6, 0.3, 0.1), "#cb9559", 0.9, 1.0, 0.0, 8.0)
+
+
+def with_colors(model):
+    """A hypothesis without a shape."""
+    return Shapeless(Evidence(0.0, 1.0, 0, 1.0), model, PixelMaps.zeros(9, 12), BOX, 1.0, 0.0)
 
 
 def estimate(alpha):
@@ -33,7 +41,7 @@ def compared(by, known=True):
     color = PLATE + (COLOR - PLATE) / by
     model = ColorModel.from_samples(color[None], std=1e-9)
     own = estimate(np.where(known, by * alpha, np.nan))
-    return color, alternative(model, 0.2, own, estimate(alpha), pictures(alpha), BOX)
+    return color, with_colors(model).alternative(0.2, own, estimate(alpha), pictures(alpha), BOX)
 
 
 @pytest.mark.parametrize("by", [0.8, 1.0, 1.6])
@@ -58,7 +66,7 @@ def test_any_colors_have_their_mean_encoded():
     """exact"""
     alpha = np.random.default_rng(0).uniform(0.1, 0.5, (9, 12))
     own = estimate(alpha)
-    found = alternative(ColorModel.any(), 0.2, own, own, pictures(alpha), BOX)
+    found = with_colors(ColorModel.any()).alternative(0.2, own, own, pictures(alpha), BOX)
     codes = 1.055 * COLOR ** (1 / 2.4) - 0.055
     assert found.hex == "#{:02x}{:02x}{:02x}".format(*np.rint(255 * codes).astype(int))
 

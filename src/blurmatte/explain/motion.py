@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from blurmatte.checks import Direction
-from blurmatte.explain.numbers import direction, with_error
+from blurmatte.explain.numbers import direction, with_article, with_error
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
@@ -81,9 +81,7 @@ def scatter_in_words(scatter: Scatter) -> list[str]:
 
 def _position(motion: Motion) -> Iterator[str]:
     (x, y), (dx, dy) = motion.center, motion.center_std
-    what = {"sweep": f"a {motion.silhouette}", "moments": "an object of any shape"}[motion.source]
-    if motion.silhouette.startswith(("ellipse", "outline")):
-        what = f"an {motion.silhouette}"
+    what = with_article(motion.silhouette) if motion.silhouette else "an object of any shape"
     basis = {
         "sweep": "the shape on a path that explains the streak",
         "moments": "sum, mean and covariance of alpha, assuming a straight path and constant speed",

@@ -28,6 +28,11 @@ def with_error(value: float, std: float) -> str:
     return f"{value:.{digits}f} ± {std:.{digits}f}"
 
 
+def with_article(noun: str) -> str:
+    """The noun after its article."""
+    return f"{'an' if noun[:1] in 'aeiou' else 'a'} {noun}"
+
+
 def direction(degrees: float, std: float = 0.0) -> str:
     """An angle in the picture, −180 to 180, y down, and in words which way it points."""
     way, octant = "up" if degrees < 0 else "down", round(degrees / 45) % 8

@@ -4,14 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.explain.numbers import rounded_std, with_error
+from blurmatte.explain.numbers import rounded_std, with_article, with_error
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SweepSummary
 
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
 _MAX_KNOWN_STD = 0.1  # of a part of the exposure that is worth a number
-_PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
-_VERBS = {"turning": "turns", "changing": "changes"}  # of silhouettes, by their names
 
 
 def likeliest_shape(solution: Solution) -> SweepSummary | None:
@@ -87,16 +85,8 @@ def _explained(sweep: SweepSummary, solution: Solution) -> list[str]:
 
 
 def _shape_on_path(sweep: SweepSummary) -> str:
+    said = with_article(sweep.silhouette)
+    of = "of radius" if sweep.is_disc else "with the area of a disc of radius"
     radius = f"{sweep.radius:.2f} ± {rounded_std(sweep.radius_std)} px"
-    path = _PATHS.get(sweep.path, "a curved path")
-    return f"{_shape(sweep.silhouette, radius)} on {path} of {sweep.length:.0f} px"
-
-
-def _shape(silhouette: str, radius: str) -> str:
-    if silhouette == "disc":
-        return f"A disc of radius {radius}"
-    if silhouette == "growing disc":
-        return f"A disc whose size changes, of radius {radius} in the middle of the exposure,"
-    kind = "An ellipse" if silhouette.endswith("ellipse") else "A shape"
-    does = " and ".join(verb for name, verb in _VERBS.items() if name in silhouette)
-    return f"{kind}{' that ' * bool(does)}{does} with the area of a disc of radius {radius}"
+    path = f"{sweep.path_in_words} of {sweep.length:.0f} px"
+    return f"{said[0].upper()}{said[1:]} {of} {radius} on {path}"

@@ -26,6 +26,7 @@ from blurmatte.radiometry import LinearImage, Noise
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fitting_size import FittingSize
+from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 from blurmatte.sweep.sweep import Sweep
 
 MARGIN_PX = 16  # around a streak, of pixels where nothing moved
@@ -176,6 +177,7 @@ class Solver(ABC):
     """Estimates alpha and light of a case. `solve` takes any subclass."""
 
     needs_sweep: ClassVar[bool] = False  #: whether sweeps are fitted where the colors are known
+    hypotheses: tuple[Hypothesis, ...] = HYPOTHESES  #: the shapes on paths that are fitted
 
     def colors(self, model: ColorModel | None) -> ColorModel | None:
         """The colors to solve with, if some were given or the solver knows its own."""

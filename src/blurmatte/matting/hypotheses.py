@@ -1,14 +1,14 @@
 """Average of hypotheses: sweeps, and alpha without a shape, weighted by their evidence."""
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import compress
 
 import numpy as np
 
 from blurmatte.checks import Array, Box
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.alternatives import Alternative, alternative, listed
+from blurmatte.matting.alternatives import Alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
@@ -20,62 +20,35 @@ from blurmatte.matting.calibration import (
     reasons,
 )
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
+from blurmatte.matting.fitted_hypothesis import FittedHypothesis, OnPath, Shapeless
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.mixtures import Mixtures
-from blurmatte.matting.object_light import light_given
 from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.stats import SolutionStats, SweepSummary
 from blurmatte.matting.summary import streak_sums
-from blurmatte.matting.swept import write_swept
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.assess.model_selection import (
-    Evidence,
     hypothesis_scores,
     hypothesis_weights,
 )
 from blurmatte.sweep.assess.opacity import MOVED_ODDS
 from blurmatte.sweep.fitting_size import FittingSize
-from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
-_IMPOSSIBLE_COST = 1e9  # nats, more than evidence ever differs by
 ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
 
 
 @dataclass(frozen=True, eq=False)
-class _Shapeless:
-    """Alpha by `Smooth` with some colors, the maps of its box, and its evidence."""
-
-    model: ColorModel
-    maps: PixelMaps
-    box: Box
-    sum_std: float
-    scale_std: float
-    evidence: Evidence
-
-    def within(self, box: Box) -> AlphaEstimate:
-        """Its alpha in a box."""
-        inside = ~has_flag(self.maps.quality, Quality.OUTSIDE)
-        both = [max(a, b) for a, b in zip(self.box[:2], box[:2], strict=True)]
-        both += [min(a, b) for a, b in zip(self.box[2:], box[2:], strict=True)]
-        alpha, std = np.zeros((2, box[3] - box[1], box[2] - box[0]))
-        for values, source in ((alpha, self.maps.alpha), (std, self.maps.alpha_std)):
-            own = np.where(inside, source, 0)[rows_columns(both, self.box)]
-            values[rows_columns(both, box)] = own
-        return AlphaEstimate(alpha, std, self.sum_std, self.scale_std)
-
-
-@dataclass(frozen=True, eq=False)
 class _WeightedHypotheses:
-    """Weighted hypotheses: sweeps, the likeliest first, then those without a shape."""
+    """Weighted hypotheses: shapes, the likeliest first, then those without a shape."""
 
-    sweeps: list[Sweep]
-    shapeless: list[_Shapeless]
-    evidence: list[Evidence]
-    possible: list[bool]  #: whether the mixtures of the streak permit it
+    shapes: list[OnPath]
+    shapeless: list[Shapeless]
+    possible: list[bool]  #: of all, whether the mixtures of the streak permit it
     weights: Array  #: (n,); they sum to 1, and are 0 of what is impossible
     box: Box
     estimates: list[AlphaEstimate]  #: of all, in the box
@@ -84,35 +57,39 @@ class _WeightedHypotheses:
     def of(cls, case: Case, without_shape: bool) -> "_WeightedHypotheses":
         """Sweeps of a case, and perhaps hypotheses without a shape."""
         assert case.hypotheses is not None
-        sweeps, mixtures = list(case.hypotheses.sweeps), Mixtures.of(case)
-        box = case.box_with(sweeps)
-        estimates = [_estimate(replace(sweep, opacity_std=0.0), box) for sweep in sweeps]
+        known, mixtures = case.hypotheses, Mixtures.of(case)
+        box = case.box_with(known.sweeps)
+        shapes = [OnPath.of(*one) for one in zip(known.sweeps, known.evidence, strict=True)]
+        estimates = [one.within(box) for one in shapes]
         possible = [mixtures.permit(one.alpha, box) for one in estimates]
-        shapeless: list[_Shapeless] = []
+        shapeless: list[Shapeless] = []
         if without_shape:
             _LOG.info("solving alpha without a shape")
             shapeless = _without_shape(case, mixtures, possible)
-        evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
         estimates += [one.within(box) for one in shapeless]
-        possible += [mixtures.permit(one.alpha, box) for one in estimates[len(sweeps) :]]
+        possible += [mixtures.permit(one.alpha, box) for one in estimates[len(shapes) :]]
         if case.is_exact or not any(possible):
             possible = [True] * len(estimates)
-        evidence = [
-            one if permitted else replace(one, cost=one.cost + _IMPOSSIBLE_COST)
-            for one, permitted in zip(evidence, possible, strict=True)
-        ]
-        weights = hypothesis_weights(evidence)
-        return cls(sweeps, shapeless, evidence, possible, weights, box, estimates)
+        can = iter(possible)
+        shapes = [one if next(can) else one.made_impossible for one in shapes]
+        shapeless = [one if next(can) else one.made_impossible for one in shapeless]
+        weights = hypothesis_weights([one.evidence for one in (*shapes, *shapeless)])
+        return cls(shapes, shapeless, possible, weights, box, estimates)
 
     @property
-    def all(self) -> list[Sweep | _Shapeless]:
+    def all(self) -> list[FittedHypothesis]:
         """In the order of the weights."""
-        return [*self.sweeps, *self.shapeless]
+        return [*self.shapes, *self.shapeless]
 
     @property
-    def best(self) -> Sweep | _Shapeless:
+    def best(self) -> FittedHypothesis:
         """The one of the largest weight."""
         return self.all[int(np.argmax(self.weights))]
+
+    @property
+    def scores(self) -> Array:
+        """(n,) negative log of the weights over the largest."""
+        return hypothesis_scores([one.evidence for one in self.all])
 
     def shape_log_odds(self) -> tuple[float, float]:
         """Log odds of the likeliest disc against an outline, and of a shape against none.
@@ -120,29 +97,29 @@ class _WeightedHypotheses:
         Outlines are not fitted where a disc leaves nothing to explain: then an ellipse would be less
         likely by the price of its two parameters.
         """
-        scores = hypothesis_scores(self.evidence)
-        orders = np.array([sweep.silhouette.order for sweep in self.sweeps])
-        shapes, others = scores[: len(orders)], scores[len(orders) :]
+        scores = self.scores
+        is_disc = np.array([one.sweep.silhouette.is_disc for one in self.shapes])
+        shapes, others = scores[: len(is_disc)], scores[len(is_disc) :]
         no_shape = float(others.min() - shapes.min()) if len(others) else 0.0
-        if not np.any(orders == 1):
+        if not np.any(is_disc):
             return -np.inf, no_shape
-        disc = self.evidence[int(np.argmax(orders == 1))]
+        disc = self.all[int(np.argmax(is_disc))].evidence
         price = float(np.log(max(disc.pixels / disc.inflation, 2.0)))
-        if np.any(orders > 1):
-            price = float(shapes[orders > 1].min() - shapes[orders == 1].min())
+        if not np.all(is_disc):
+            price = float(shapes[~is_disc].min() - shapes[is_disc].min())
         return price, no_shape
 
     @property
     def opacity_error(self) -> float:
-        """Relative standard deviation of the opacity of the sweeps, which calibrations do not know."""
-        relative = [sweep.opacity_std / sweep.silhouette.opacity for sweep in self.sweeps]
+        """Relative standard deviation of the opacity of the shapes, which calibrations do not know."""
+        relative = [one.opacity_error for one in self.shapes]
         weights = self.weights[: len(relative)]
         return float(np.sqrt(weights @ np.square(relative) / max(float(weights.sum()), 1e-12)))
 
     @property
     def curve_error(self) -> tuple[Array, float]:
         """Standard deviations of alpha and of its sum by an assumed curve, not in calibrations."""
-        pairs = [sweep.curve_error(self.box) for sweep in self.sweeps]
+        pairs = [one.sweep.curve_error(self.box) for one in self.shapes]
         weights = self.weights[: len(pairs)]
         alpha, total = (np.array(values) for values in zip(*pairs, strict=True))
         return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
@@ -166,16 +143,26 @@ class _WeightedHypotheses:
         Of an object that moved, as if a part of the exposure were as probable as all of it before the
         picture: the prior alone confirms nothing.
         """
-        prior = 1.0 if self.sweeps[0].silhouette.opacity < 1 else MOVED_ODDS
+        prior = 1.0 if self.shapes[0].sweep.silhouette.opacity < 1 else MOVED_ODDS
         return bool(self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] * np.sqrt(prior))
 
     @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
-            HypothesisSummary(float(w), one.model.rank, isinstance(one, Sweep), known.inflation)
-            for w, one, known in zip(self.weights, self.all, self.evidence, strict=True)
+            HypothesisSummary(float(w), one.colors.rank, one.has_shape, one.evidence.inflation)
+            for w, one in zip(self.weights, self.all, strict=True)
         ]
+
+    def alternatives(
+        self, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
+    ) -> list[Alternative]:
+        """The listed hypotheses."""
+        found = [
+            one.alternative(weight, estimate, average, pictures, self.box)
+            for one, weight, estimate in zip(self.all, self.weights, self.estimates, strict=True)
+        ]
+        return listed(found, self.scores)
 
 
 def shape_log_odds(case: Case) -> tuple[float, float]:
@@ -185,7 +172,15 @@ def shape_log_odds(case: Case) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Swept(Solver):
-    """Alpha from path and silhouette of the whole streak, fitted together with its color."""
+    """Alpha from path and silhouette of the whole streak, fitted together with its color.
+
+    Parameters
+    ----------
+    hypotheses : tuple of Hypothesis
+        The shapes on paths that compete.
+    """
+
+    hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
 
     needs_sweep = True
 
@@ -196,7 +191,15 @@ class Swept(Solver):
 
 @dataclass(frozen=True)
 class Averaged(Solver):
-    """Sweeps and `Smooth`, averaged by their evidence."""
+    """Sweeps and `Smooth`, averaged by their evidence.
+
+    Parameters
+    ----------
+    hypotheses : tuple of Hypothesis
+        The shapes on paths that compete.
+    """
+
+    hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
 
     needs_sweep = True
 
@@ -210,12 +213,12 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     fitted = case if case.fitted is None else case.fitted.case
     found = _WeightedHypotheses.of(fitted, without_shape)
     average = averaged(found.estimates, found.weights)
-    diagnostics = found.sweeps[0].diagnostics
+    sweep = found.shapes[0].sweep
     exact = case.is_exact
     # What is impossible says nothing about the error of the rest.
     estimates = list(compress(found.estimates, found.possible))
     summaries = list(compress(found.summaries, found.possible))
-    terms = error_terms(average, estimates, summaries, diagnostics, exact)
+    terms = error_terms(average, estimates, summaries, sweep.diagnostics, exact)
     claim, compressed = claimed_error(average), case.is_compressed
     average = calibrated(average, estimates, terms, compressed, exact)
     error = claimed_error(average)
@@ -229,7 +232,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
     average = with_bounded_errors(replace(average, alpha_std=alpha_std))
     pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
-    alternatives = _alternatives(found, average, pictures)
+    alternatives = found.alternatives(average, pictures)
     if case.fitted is not None:
         size = case.fitted.size
         alternatives = [_in_pixels(one, size) for one in alternatives]
@@ -238,7 +241,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     stats = SolutionStats(
         sum_alpha_std=average.sum_std,
         alpha_scale_std=average.scale_std,
-        sweep=SweepSummary.of(found.sweeps[0]),
+        sweep=SweepSummary.of(found.shapes[0].sweep),
         weights=tuple(found.weights.tolist()),
         shape_log_odds=found.shape_log_odds(),
         alternatives=tuple(alternatives),
@@ -248,7 +251,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
         grade=grade,
         alpha_error=alpha_error,
     )
-    locates = isinstance(found.best, Sweep)
+    locates = found.best.has_shape
     solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)
     return Answer(maps, model, maps.solved, stats, solver, factor, locates=locates, assumes="")
 
@@ -259,15 +262,10 @@ def _written(
     """Colors of the likeliest hypothesis, and maps with the average and its light."""
     box, best = found.box, found.best
     maps = closed_form(case, box, out)
-    C, B, mixed = case.within(box)
-    model = best.model
-    if isinstance(best, Sweep):
-        model = case.model if case.is_exact else model
-        write_swept(maps, best, average, C, mixed.with_edge_variance(B), box)
-    else:
-        _write(maps, best, average, C, B, box)
-    inpaint_light(maps.within(box), C, B)
-    return model, maps
+    pictures = case.within(box)
+    best.write(maps, average, pictures, box)
+    inpaint_light(maps.within(box), *pictures[:2])
+    return case.model if case.is_exact else best.colors, maps
 
 
 def _enlarged(
@@ -279,19 +277,21 @@ def _enlarged(
     from its own interpolated alpha. Alpha without a shape has no detail finer than a cell: the
     difference of interpolated and constant cells is an error.
     """
-    assert case.hypotheses is not None
-    sweeps, small = list(case.hypotheses.sweeps), found.box
+    small, shapes = found.box, found.shapes
     box = size.enlarged_box(small)
     weights = np.where(found.weights < MIN_WEIGHT, 0, found.weights)
-    of_shapes = (weights / weights.sum())[: len(sweeps)]
+    of_shapes = (weights / weights.sum())[: len(shapes)]
     known = np.isfinite(average.alpha_std)
     rest = np.where(known, average.alpha, 0)
     for weight, estimate in zip(of_shapes, found.estimates, strict=False):
         rest = rest - weight * np.where(known, estimate.alpha, 0)
     alpha = size.interpolated(rest, small)
     std = size.interpolated(np.where(known, average.alpha_std, 0), small)
-    if weights[len(sweeps) :].any():
+    if weights[len(shapes) :].any():
         std = np.hypot(std, alpha - size.repeated(rest, small))
+    shapes = [one.enlarged(size) for one in shapes]
+    shapeless = [one.enlarged(size) for one in found.shapeless]
+    sweeps = [one.sweep for one in shapes]
     for weight, sweep in zip(of_shapes, sweeps, strict=True):
         if weight > 0:
             alpha += weight * sweep.alpha_within(box)
@@ -301,16 +301,7 @@ def _enlarged(
     place = rows_columns(box, around)
     sum_std = size.cell**2 * average.sum_std
     total = AlphaEstimate(alpha[place], std[place], sum_std, average.scale_std)
-    shapeless = [_in_picture(one, size) for one in found.shapeless]
-    return replace(found, sweeps=sweeps, shapeless=shapeless, box=box), total
-
-
-def _in_picture(one: _Shapeless, size: FittingSize) -> _Shapeless:
-    """A hypothesis about cells with the maps of their pixels, constant over each."""
-    alpha, std, P, P_std, quality = one.maps
-    alpha, std, P, P_std = (size.repeated(m, one.box) for m in (alpha, std, P, P_std))
-    maps = PixelMaps(alpha, std, P, P_std, size.repeated(quality, one.box))
-    return replace(one, box=size.enlarged_box(one.box), maps=maps)
+    return replace(found, shapes=shapes, shapeless=shapeless, box=box), total
 
 
 def _in_pixels(one: Alternative, size: FittingSize) -> Alternative:
@@ -318,24 +309,7 @@ def _in_pixels(one: Alternative, size: FittingSize) -> Alternative:
     return one if one.radius is None else replace(one, radius=size.cell * one.radius)
 
 
-def _estimate(sweep: Sweep, box: Box) -> AlphaEstimate:
-    """Alpha of a sweep in a box."""
-    return AlphaEstimate(*sweep.within(box), sweep.area_std())
-
-
-def _alternatives(
-    found: _WeightedHypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
-) -> list[Alternative]:
-    """The listed hypotheses."""
-    kinds = [one if isinstance(one, Sweep) else one.model for one in found.all]
-    alternatives = [
-        alternative(kind, weight, estimate, average, pictures, found.box)
-        for kind, weight, estimate in zip(kinds, found.weights, found.estimates, strict=True)
-    ]
-    return listed(alternatives, hypothesis_scores(found.evidence))
-
-
-def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list[_Shapeless]:
+def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list[Shapeless]:
     """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier.
 
     Where mixtures lie beyond the line, or disprove the sweep that it is from, the line through the
@@ -356,7 +330,7 @@ def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list
     return [_shapeless(replace(case, model=model)) for model in models.values()]
 
 
-def _shapeless(case: Case) -> _Shapeless:
+def _shapeless(case: Case) -> Shapeless:
     """Alpha by `Smooth` with the colors of the case."""
     assert case.hypotheses is not None
     box, answer = case.grown_streak.around(MARGIN_PX), Smooth().answer(case, None)
@@ -370,22 +344,4 @@ def _shapeless(case: Case) -> _Shapeless:
     place = rows_columns(box, (0, 0, *case.image.size))
     alpha[place], alpha_std[place] = np.where(known, near.alpha, 0), np.where(known, std, 0)
     evidence = case.hypotheses.evidence_of(alpha, alpha_std)
-    return _Shapeless(case.model, near.copied, box, sum_std, scale_std, evidence)
-
-
-def _write(
-    maps: PixelMaps,
-    likeliest: _Shapeless,
-    average: AlphaEstimate,
-    image: LinearImage,
-    plate: LinearImage,
-    box: Box,
-) -> None:
-    """Write an average whose likeliest hypothesis has no shape, and its light."""
-    maps.write(likeliest.box, likeliest.maps)
-    near = maps.within(box)
-    alpha, std = average.alpha, average.alpha_std
-    P, P_std, _ = light_given(alpha, std, likeliest.model, image, plate)
-    for target, values in zip(near, (alpha, std, P, P_std), strict=False):
-        target[...] = values
-    near.quality[alpha > 0] &= ~np.uint8(Quality.OUTSIDE)
+    return Shapeless(evidence, case.model, near.copied, box, sum_std, scale_std)

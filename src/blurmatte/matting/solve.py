@@ -185,8 +185,8 @@ def _case_of(
     # Of a frame of a clip, start and prior are in its pixels.
     size = FittingSize.of(chosen) if start is None and prior is None else None
     if size is not None:
-        return _enlarged_case(size, pictures, chosen, model), others
-    hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior)
+        return _enlarged_case(size, pictures, chosen, model, solver), others
+    hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior, solver.hypotheses)
     return Case(pictures, chosen, _with_streak(model, hypotheses), hypotheses), others
 
 
@@ -195,12 +195,13 @@ def _enlarged_case(
     pictures: Pictures,
     streak: Streak,
     model: ColorModel | None,
+    solver: Solver,
 ) -> Case:
     """The case of hypotheses that were fitted to pictures of another size."""
     of_streak = size.streak(streak)
     image, plate = size.pictures(pictures.image, pictures.plate, streak, pictures.measured)
     small = Pictures(image, plate, pictures.match, size.touched(pictures.hidden))
-    fitted = fit_hypotheses(image, plate, of_streak, model)
+    fitted = fit_hypotheses(image, plate, of_streak, model, hypotheses=solver.hypotheses)
     known = _with_streak(model, fitted)
     hypotheses = size.hypotheses(fitted, (plate, pictures.plate), (of_streak, streak))
     of_means = Case(small, of_streak, known, fitted)

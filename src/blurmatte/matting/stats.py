@@ -134,6 +134,10 @@ class SweepSummary:
     ----------
     silhouette, path : str
         Names of their kinds.
+    path_in_words : str
+        The kind of the path with its article.
+    is_disc : bool
+        Whether the silhouette is a disc, which may grow.
     xy : (n,) of (float, float)
         Points of the path, pixels.
     length, radius, radius_std : float
@@ -153,6 +157,8 @@ class SweepSummary:
 
     silhouette: str
     path: str
+    path_in_words: str = "a curved path"
+    is_disc: bool = False
     xy: _Points
     length: _Size
     radius: _Size
@@ -170,6 +176,8 @@ class SweepSummary:
         return cls(
             silhouette=sweep.silhouette.name,
             path=sweep.family.name,
+            path_in_words=sweep.family.in_words,
+            is_disc=sweep.silhouette.is_disc,
             xy=tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
             length=sweep.length,
             radius=sweep.radius,

@@ -1,7 +1,7 @@
 """fit_sweep: image, plate and streak → Sweep.
 
-Multistart fits of discs, outlines and discs with their shadow are hypotheses about one observation;
-`Hypotheses` holds them with their weights, `fit_sweep` returns the likeliest.
+The fits of all `HYPOTHESES` are compared in one observation; `Hypotheses` holds them with their
+weights, `fit_sweep` returns the likeliest.
 """
 
 from collections.abc import Callable, Sequence
@@ -29,24 +29,28 @@ from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
     MAX_STEPS,
-    QUICK_RADII,
     Multistart,
     fitted_to_hue,
     half_width_of,
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.outline import fit_growing, fit_outline
 from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
     noise_inflation,
-    residual_excess,
     variance_inflation,
 )
-from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow, may_be_shaded
-from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.fit.shadow import in_shadow
+from blurmatte.sweep.hypotheses import (
+    HYPOTHESES,
+    Fits,
+    Hypothesis,
+    is_explained,
+    is_known_disc,
+    quick_search,
+)
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
@@ -54,18 +58,15 @@ from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
-from blurmatte.sweep.shadow_mask import darkness
-from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
+from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import curve_covariance, with_unstated_curves
 
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
 
-# Which streaks are fitted, and which hypotheses are fitted, refined and kept.
+# Which streaks are fitted, and which hypotheses are refined and kept.
 _MAX_STREAKS = 5  # that are compared
 _MIN_EVIDENCE_RATIO = 0.01  # evidence of a streak over that of the strongest
-# Variance inflation of residuals that another shape or light does not reduce
-_MAX_EXPLAINED_INFLATION = 1.2
 # Of the plate's light that it loses: less hardly changes alpha, and costs a search
 _MIN_LOSS = 0.02
 # Of a streak in that light: a smaller one justifies a search
@@ -172,7 +173,7 @@ def likeliest_streak(
     lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
     scored: list[tuple[float, Streak]] = []
     for streak in lit or strong:
-        search = _quick_search(streak, image, plate, ColorPrior.of(model).of_one_paint)
+        search = quick_search(streak, image, plate, ColorPrior.of(model).of_one_paint)
         explained = explained_fraction(search.quick())
         scored.append((streak.evidence * (2 * explained - 1), streak))
     score, likeliest = max(scored, key=lambda one: one[0])
@@ -186,8 +187,9 @@ def fit_hypotheses(
     model: ColorModel | None = None,
     start: Sweep | None = None,
     prior: MotionPrior | None = None,
+    hypotheses: Sequence[Hypothesis] = HYPOTHESES,
 ) -> Hypotheses:
-    """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
+    """Hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
 
     Before the plate as it is, or in the light that the object left on it if that is decisively
     likelier.
@@ -197,15 +199,20 @@ def fit_hypotheses(
         """Fits before a plate."""
         return Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
 
-    found = _fit_before(image, plate, streak, search, start)
-    found = _in_likelier_light(found, image, search, start)
+    def before(plate: LinearImage, streak: Streak) -> Hypotheses:
+        """All hypotheses before a plate."""
+        return _fit_before(image, plate, streak, search, start, hypotheses)
+
+    found = _in_likelier_light(before(plate, streak), image, before)
     if model is None and not _is_solid(found.best):
         check_no_shadow(image, plate, streak)
     return found
 
 
 def _in_likelier_light(
-    found: Hypotheses, image: LinearImage, search: Search, start: Sweep | None
+    found: Hypotheses,
+    image: LinearImage,
+    fit_before: Callable[[LinearImage, Streak], Hypotheses],
 ) -> Hypotheses:
     """Hypotheses before the plate in the light that the object left on it, if they are likelier.
 
@@ -214,7 +221,7 @@ def _in_likelier_light(
     they know is fitted again only in a light in which it is likelier as it is.
     """
     known = found.best.diagnostics
-    if _is_explained(found.observation, known.variance_inflation, known.residual_excess):
+    if is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
@@ -230,9 +237,9 @@ def _in_likelier_light(
         after = replace(after, cost=after.cost + lighting.cost)
         return float(hypothesis_weights([before, after])[1])
 
-    if _is_known_disc(found.observation) and weight(found) < 0.5:
+    if is_known_disc(found.observation) and weight(found) < 0.5:
         return found
-    other = _fit_before(image, lighting.on(found.plate), rest, search, start)
+    other = fit_before(lighting.on(found.plate), rest)
     if not lighting.is_possible(other.best.alpha):
         return found
     return other if weight(other) > _MIN_LIGHT_WEIGHT else found
@@ -271,21 +278,17 @@ def _fit_before(
     plate: LinearImage,
     streak: Streak,
     search_in: Search,
-    start: Sweep | None = None,
+    start: Sweep | None,
+    hypotheses: Sequence[Hypothesis],
 ) -> Hypotheses:
-    """All hypotheses before one plate."""
-    search, *found = _discs(search_in(streak, image, plate), start)
-    one_paint, varied = ([_seen_through(disc, search.bounds) for disc in discs] for discs in found)
-    candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
-    if not _is_explained_by(one_paint[0]) and _is_known_disc(search.observation):
-        shaded = _with_shadow(search, one_paint[0], image, plate, streak)
-        candidates += [] if shaded is None else [Candidate(*shaded)]
-    elif not _is_explained_by(one_paint[0]):
-        grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied) if discs]
-        candidates += [Candidate(state) for state in grown if state.silhouette.changes]
-        if not _is_explained_by(grown[0]):
-            candidates += _other_shapes(search, one_paint[0], image, plate, streak)
-    observation, candidates = search.observation, [_with_opacity(c) for c in candidates]
+    """Hypotheses before one plate."""
+    search, *discs = _discs(search_in(streak, image, plate), start)
+    one_paint, varied = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
+    fits = Fits(search, image, plate, streak, one_paint, varied)
+    for hypothesis in hypotheses:
+        if hypothesis.is_worth_fitting(fits):
+            fits = fits.with_fits_of(hypothesis)
+    observation, candidates = search.observation, [_with_opacity(c) for c in fits.candidates]
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
     compared = [
@@ -324,26 +327,6 @@ def _with_opacity(candidate: Candidate) -> Candidate:
     if state.silhouette != silhouette:
         state = replace(state.of_kind(silhouette), converged=state.converged)
     return replace(candidate, state=state, opacity_std=found.std)
-
-
-def _is_explained(observation: Observation, inflation: float, excess: float) -> bool:
-    """Whether a sweep leaves no residuals for other shapes or light to explain.
-
-    If other frames know path and silhouette, residuals that correlate no more than the noise around
-    them are that noise.
-    """
-    if _is_known_disc(observation) and excess <= MAX_RESIDUAL_EXCESS:
-        return True
-    return inflation <= _MAX_EXPLAINED_INFLATION
-
-
-def _is_known_disc(observation: Observation) -> bool:
-    """Whether other frames know that the silhouette is a disc."""
-    return observation.prior is not None and observation.prior.is_disc
-
-
-def _is_explained_by(state: State) -> bool:
-    return _is_explained(state.observation, variance_inflation(state), residual_excess(state))
 
 
 def fit_stretch(
@@ -410,7 +393,7 @@ def _quick_disc(
 ) -> tuple[State, Multistart, Sweep]:
     """The disc of a quick search with the noise that it estimates, the search, and the sweep."""
     color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
-    search = _quick_search(streak, image, plate, color)
+    search = quick_search(streak, image, plate, color)
     disc = search.soft()
     inflation = noise_inflation(disc)
     if inflation > 1:
@@ -482,22 +465,6 @@ def _with_curve_errors(
     return tuple(found)
 
 
-def _other_shapes(
-    search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
-) -> list[Candidate]:
-    """An outline, and the disc with its shadow if there is one, of constant size and growing."""
-    outline = fit_outline(disc)
-    found = [Candidate(outline)]
-    if _is_explained_by(outline) and not may_be_shaded(disc, outline):
-        return found
-    shaded = _with_shadow(search, disc, image, plate, streak)
-    if shaded is not None:
-        state, cast = shaded
-        alike = dict.fromkeys((state, fit_growing(state, search.bounds)))
-        found += [Candidate(each, cast) for each in alike]
-    return found
-
-
 def _distinct(
     compared: Sequence[tuple[Sweep, Evidence, Candidate]],
 ) -> list[tuple[Sweep, Evidence, Candidate]]:
@@ -515,21 +482,6 @@ def _is_solid(sweep: Sweep) -> bool:
     """True if its rim is sharper than that of a soft shadow."""
     known = sweep.diagnostics
     return not known.rejection and known.blur_over_radius < _MAX_SOLID_BLUR
-
-
-def _with_shadow(
-    search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
-) -> tuple[State, CastShadow] | None:
-    """The disc with its shadow, fitted from the disc or from the part that is not only darker."""
-    shaded = fit_with_shadow(disc, search)
-    dark = darkness(image, plate, streak)
-    if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
-        return shaded
-    lit = replace(image, valid=image.valid & ~dark)
-    rest = replace(streak, mask=streak.mask & ~dark)
-    color = search.observation.of_one_paint.color
-    start = _quick_search(rest, lit, plate, color).quick()
-    return fit_with_shadow(start.on(disc.observation), search)
 
 
 def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[State], list[State]]:
@@ -555,12 +507,6 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
         search = search.with_prior(replace(prior, weight=weight))
         discs = best(search)
     return search, *discs
-
-
-def _quick_search(
-    streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
-) -> Multistart:
-    return Multistart.of(streak, image, plate, color, QUICK_RADII)
 
 
 def _evidence(observation: Observation, candidate: Candidate) -> Evidence:

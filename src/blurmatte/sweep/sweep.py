@@ -129,6 +129,12 @@ class Sweep:
         )
 
     @property
+    def in_words(self) -> str:
+        """Shape and path, such as "disc with its shadow on a parabola"."""
+        shadow = " with its shadow" if self.cast is not None else ""
+        return f"{self.silhouette.name}{shadow} on {self.family.in_words}"
+
+    @property
     def rejection(self) -> str:
         """Reason why it does not explain the streak, to follow "the fit"; empty if it does."""
         d = self.diagnostics

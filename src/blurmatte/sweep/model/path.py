@@ -133,6 +133,7 @@ class PathFamily(ABC):
     """Paths of one kind."""
 
     name: ClassVar[str]
+    in_words: ClassVar[str]  # with its article
     size: ClassVar[int]  # number of parameters
 
     @abstractmethod
@@ -177,6 +178,11 @@ class Polynomial(PathFamily):
         return ("line", "parabola", "cubic")[self.degree - 1]
 
     @property
+    def in_words(self) -> str:  # type: ignore[override]
+        """With its article."""
+        return ("a straight line", "a parabola", "a cubic curve")[self.degree - 1]
+
+    @property
     def size(self) -> int:  # type: ignore[override]
         """Number of parameters."""
         return 2 * (self.degree + 1)
@@ -205,6 +211,7 @@ class Arc(PathFamily):
     """
 
     name = "arc"
+    in_words = "an arc"
     size = 5
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
@@ -250,6 +257,7 @@ class Bounce(Kinked):
     """
 
     name = "bounce"
+    in_words = "a path that bounces"
     size = 7
     _pieces = staticmethod(_bounce)
 
@@ -270,6 +278,7 @@ class FromRest(Kinked):
     """
 
     name = "from rest"
+    in_words = "a path from rest"
     size = 5
     earliest = 0.0
     _pieces = staticmethod(_from_rest)

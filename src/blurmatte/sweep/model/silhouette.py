@@ -109,6 +109,11 @@ class Silhouette:
         return f"{', '.join(does)} {kind}".strip()
 
     @property
+    def is_disc(self) -> bool:
+        """Whether it is a disc, which may grow."""
+        return self.order == 1
+
+    @property
     def size(self) -> int:
         """Number of parameters."""
         return 2 * self.order - 1 + self.turns + self._changing + self.soft

@@ -1,0 +1,188 @@
+"""HYPOTHESES: the shapes on paths that compete for a streak, when each is worth a fit, and its fits.
+
+Hypotheses are fitted in the order of the list; each knows the fits of those before it. Every fit is a
+candidate. Its odds are its marginal likelihood with half a log of the number of pixels for each
+parameter (`assess.model_selection`), and the sweep that it becomes describes itself (`Sweep.in_words`).
+A solver may add alpha without a shape (`matting.hypotheses`).
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
+from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
+from blurmatte.sweep.fit.outline import fit_growing, fit_outline
+from blurmatte.sweep.fit.ranking import Candidate
+from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
+from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.color_field import ColorPrior
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.state import State
+from blurmatte.sweep.shadow_mask import darkness
+from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
+
+# Variance inflation of residuals that another shape or light does not reduce
+_MAX_EXPLAINED_INFLATION = 1.2
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """What hypotheses are fitted to, and the fits so far."""
+
+    search: Multistart  # with the noise that the discs estimate
+    image: LinearImage
+    plate: LinearImage
+    streak: Streak
+    # Discs with their opacity, the best first: of one paint, and of varied colors unless these are
+    # known to be one paint
+    one_paint: tuple[State, ...]
+    varied: tuple[State, ...]
+    candidates: tuple[Candidate, ...] = ()
+    # The first hypothesis that leaves nothing to explain for one paint, and its fit
+    explained: "tuple[Hypothesis, State] | None" = None
+
+    @property
+    def disc(self) -> State:
+        """The best disc of one paint."""
+        return self.one_paint[0]
+
+    @property
+    def is_known_disc(self) -> bool:
+        """Whether other frames know that the silhouette is a disc."""
+        return is_known_disc(self.search.observation)
+
+    def with_fits_of(self, hypothesis: "Hypothesis") -> "Fits":
+        """With the fits of a hypothesis."""
+        found = tuple(hypothesis.fits(self))
+        explained = self.explained
+        one_paint = [c.state for c in found if c.state.observation.color.varied == 1]
+        if explained is None and one_paint and is_explained_by(one_paint[0]):
+            explained = hypothesis, one_paint[0]
+        return replace(self, candidates=(*self.candidates, *found), explained=explained)
+
+
+class Hypothesis(ABC):
+    """A kind of shape on a path."""
+
+    follows_shadow: ClassVar[bool] = (
+        False  #: whether it may explain a shadow as a part of the object
+    )
+
+    def is_worth_fitting(self, fits: Fits) -> bool:
+        """Whether it may be likelier than those before it: if they leave something to explain."""
+        return fits.explained is None
+
+    @abstractmethod
+    def fits(self, fits: Fits) -> Iterable[Candidate]:
+        """Its fits, of one paint first; none if it is not likelier than what it generalizes."""
+
+
+@dataclass(frozen=True)
+class Disc(Hypothesis):
+    """A disc of one paint or of varied colors; the fits of others start from it."""
+
+    def fits(self, fits: Fits) -> Iterable[Candidate]:
+        """All that the search found."""
+        return (Candidate(disc) for disc in (*fits.one_paint, *fits.varied))
+
+
+@dataclass(frozen=True)
+class GrowingDisc(Hypothesis):
+    """A disc whose size changes."""
+
+    def is_worth_fitting(self, fits: Fits) -> bool:
+        """Not if the size is known to be constant."""
+        return not fits.is_known_disc and super().is_worth_fitting(fits)
+
+    def fits(self, fits: Fits) -> Iterable[Candidate]:
+        """From the best disc of one paint, and from that of varied colors."""
+        for discs in filter(None, (fits.one_paint, fits.varied)):
+            grown = fit_growing(discs[0], fits.search.bounds)
+            if grown is not discs[0]:
+                yield Candidate(grown)
+
+
+@dataclass(frozen=True)
+class Outline(Hypothesis):
+    """An ellipse or an outline of higher order, which may turn and change."""
+
+    follows_shadow = True
+
+    def is_worth_fitting(self, fits: Fits) -> bool:
+        """Not if the shape is known."""
+        return not fits.is_known_disc and super().is_worth_fitting(fits)
+
+    def fits(self, fits: Fits) -> Iterable[Candidate]:
+        """Of one paint."""
+        return [Candidate(fit_outline(fits.disc))]
+
+
+@dataclass(frozen=True)
+class DiscWithShadow(Hypothesis):
+    """A disc and the shadow that it casts, of constant size and growing."""
+
+    def is_worth_fitting(self, fits: Fits) -> bool:
+        """Also if a shape explains the streak that may have followed the shadow."""
+        if fits.explained is None:
+            return True
+        hypothesis, state = fits.explained
+        return hypothesis.follows_shadow and may_be_shaded(fits.disc, state)
+
+    def fits(self, fits: Fits) -> Iterable[Candidate]:
+        """From the disc, or from the part of the streak that is not only darker."""
+        shaded = self._shaded(fits)
+        if shaded is None:
+            return []
+        state, cast = shaded
+        if fits.is_known_disc:
+            return [Candidate(state, cast)]
+        alike = dict.fromkeys((state, fit_growing(state, fits.search.bounds)))
+        return [Candidate(each, cast) for each in alike]
+
+    def _shaded(self, fits: Fits) -> tuple[State, CastShadow] | None:
+        """The disc of constant size, and its shadow."""
+        image, streak, disc = fits.image, fits.streak, fits.disc
+        shaded = fit_with_shadow(disc, fits.search)
+        dark = darkness(image, fits.plate, streak)
+        if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
+            return shaded
+        lit = replace(image, valid=image.valid & ~dark)
+        rest = replace(streak, mask=streak.mask & ~dark)
+        color = fits.search.observation.of_one_paint.color
+        start = quick_search(rest, lit, fits.plate, color).quick()
+        return fit_with_shadow(start.on(disc.observation), fits.search)
+
+
+HYPOTHESES: tuple[Hypothesis, ...] = (Disc(), GrowingDisc(), Outline(), DiscWithShadow())
+
+
+def is_explained_by(state: State) -> bool:
+    """Whether a fit leaves no residuals for other shapes or light to explain."""
+    return is_explained(state.observation, variance_inflation(state), residual_excess(state))
+
+
+def is_explained(observation: Observation, inflation: float, excess: float) -> bool:
+    """Whether residuals of this variance inflation and excess have nothing more to explain.
+
+    If other frames know path and silhouette, residuals that correlate no more than the noise around
+    them are that noise.
+    """
+    if is_known_disc(observation) and excess <= MAX_RESIDUAL_EXCESS:
+        return True
+    return inflation <= _MAX_EXPLAINED_INFLATION
+
+
+def is_known_disc(observation: Observation) -> bool:
+    """Whether other frames know that the silhouette is a disc."""
+    return observation.prior is not None and observation.prior.is_disc
+
+
+def quick_search(
+    streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
+) -> Multistart:
+    """The search from discs of one radius."""
+    return Multistart.of(streak, image, plate, color, QUICK_RADII)
