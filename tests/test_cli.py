@@ -1091,6 +1091,8 @@ def test_solver_shaded_solves_shadow(scene, tmp_path):
         (("--solver", "shaded"), "--solver shaded needs the plate in shadow, shaded:FILE"),
         (("--solver", "swept:2"), "--solver swept takes no value"),
         (("--solver", "fast"), "--solver must be auto, swept, smooth, pixelwise or shaded"),
+        (("--seconds", "0"), "--seconds must be a number above 0, got 0"),
+        (("--seconds", "2", "--solver", "smooth"), "--seconds limits the search for shapes"),
         (("--match", "much"), "--match must be auto, none, exposure, shift or full, got 'much'"),
     ],
 )

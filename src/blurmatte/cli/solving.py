@@ -59,6 +59,9 @@ class SolvingOptions:
     solver: Annotated[
         str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
     ] = "auto"
+    seconds: Annotated[
+        float | None, option("S", "CPU time after which no further shape is fitted.")
+    ] = None
 
     @property
     def of_each_picture(self) -> bool:
@@ -105,7 +108,7 @@ def solve(
     required = _required(require)
     solver, selection = how.solver, Selection(reading, colors, how.region)
     if clip.means_clip(images, out, plate.plate, how.of_each_picture):
-        method = _clip_solver(solver, colors)
+        method = _limited(_clip_solver(solver, colors), how)
         solve_clip(images, plate, out, selection, clip, how.occluder, method, required, as_json)
         return
     from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
@@ -116,7 +119,7 @@ def solve(
             "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'); see "
             "blurmatte solve --help"
         )
-    method = _solver(solver, colors)
+    method = _limited(_solver(solver, colors), how)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
     named = plate.plate, how.region, how.occluder, *colors.files, reading.noise, reading.transfer
@@ -127,7 +130,11 @@ def solve(
     B = reading.read(plate.plate, notes)
     method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
-    settings = {"selection": repr(selection), "match": plate.match, "solver": solver}
+    settings = {
+        "selection": repr(selection),
+        "match": plate.match,
+        "solver": f"{solver} {how.seconds}",
+    }
     row, matching = replace(row, settings=settings), matching_of(plate.match)
     task = _PictureOptions(reading, B, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
@@ -250,6 +257,20 @@ def _solver(text: str, colors: ColorOptions) -> Solver | None:
         case "pixelwise":
             return bm.Pixelwise()
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {text!r}")
+
+
+def _limited(method: Solver | None, how: SolvingOptions) -> Solver | None:
+    """The solver with its limit of time."""
+    if how.seconds is None:
+        return method
+    if how.solver not in ("auto", "swept"):
+        raise ValueError(
+            f"--seconds limits the search for shapes of --solver auto and swept, got {how.solver!r}"
+        )
+    if not how.seconds > 0:
+        raise ValueError(f"--seconds must be a number above 0, got {how.seconds:g}")
+    name = bm.matting.Averaged if how.solver == "auto" else bm.Swept
+    return name(seconds=how.seconds)
 
 
 def _clip_solver(text: str, colors: ColorOptions) -> Solver | None:

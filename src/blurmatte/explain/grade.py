@@ -17,6 +17,7 @@ _REASONS = {
     "light": "constant light of the object is assumed",
     "solver": "the errors of this solver are not calibrated",
     "duration": "the part of the exposure during which it was there is uncertain",
+    "time": "not all explanations were tried in the given time",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain",
     "colors": "the colors of the object vary",
@@ -73,6 +74,8 @@ def grade_in_words(solution: Solution) -> list[str]:
 def _number(name: str, stats: SolutionStats) -> str:
     """The number behind a reason, with a space before it; empty without the terms of the error."""
     terms, claim = stats.error_terms, stats.claimed_error
+    if name == "time":
+        return f" ({', '.join(stats.untried)})" if stats.untried else ""
     if terms is None or claim is None:
         return ""
     weights = sorted(stats.weights or (1.0,))

@@ -3,6 +3,7 @@
 from blurmatte.matting.case import Answer as Answer
 from blurmatte.matting.case import Case as Case
 from blurmatte.matting.case import Solver as Solver
+from blurmatte.matting.hypotheses import Averaged as Averaged
 from blurmatte.matting.hypotheses import Swept as Swept
 from blurmatte.matting.maps import Grade as Grade
 from blurmatte.matting.maps import PixelMaps as PixelMaps

@@ -5,6 +5,7 @@ Except for `Pixelwise`, only a box around the streak is solved. Outside it alpha
 A streak's mask grows by hysteresis, and has a margin for pixels below the threshold.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -178,6 +179,7 @@ class Solver(ABC):
 
     needs_sweep: ClassVar[bool] = False  #: whether sweeps are fitted where the colors are known
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES  #: the shapes on paths that are fitted
+    seconds: float = math.inf  #: CPU time after which no further shape is fitted
 
     def colors(self, model: ColorModel | None) -> ColorModel | None:
         """The colors to solve with, if some were given or the solver knows its own."""

@@ -1,6 +1,7 @@
 """Average of hypotheses: sweeps, and alpha without a shape, weighted by their evidence."""
 
 import logging
+import math
 from dataclasses import dataclass, field, replace
 from itertools import compress
 
@@ -178,9 +179,13 @@ class Swept(Solver):
     ----------
     hypotheses : tuple of Hypothesis
         The shapes on paths that compete.
+    seconds : float
+        CPU time after which no further shape is fitted; `SolutionStats.untried` names those that were
+        not. What is fitted then depends on the machine.
     """
 
     hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
+    seconds: float = field(default=math.inf, repr=False)
 
     needs_sweep = True
 
@@ -197,9 +202,13 @@ class Averaged(Solver):
     ----------
     hypotheses : tuple of Hypothesis
         The shapes on paths that compete.
+    seconds : float
+        CPU time after which no further shape is fitted; `SolutionStats.untried` names those that were
+        not. What is fitted then depends on the machine.
     """
 
     hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
+    seconds: float = field(default=math.inf, repr=False)
 
     needs_sweep = True
 
@@ -228,6 +237,10 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     if found.duration_is_open:
         because = ["duration", *because]
         grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
+    untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
+    if untried:
+        because = ["time", *because]
+        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     # The maps have no other place for an error that may be larger than all others.
     alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
     average = with_bounded_errors(replace(average, alpha_std=alpha_std))
@@ -250,6 +263,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
         grade_reasons=tuple(because),
         grade=grade,
         alpha_error=alpha_error,
+        untried=untried,
     )
     locates = found.best.has_shape
     solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)

@@ -279,6 +279,8 @@ class SolutionStats:
         None if the error was not calibrated.
     alpha_error : float or None
         Calibrated root mean square error of alpha over the streak.
+    untried : tuple of str
+        Explanations that were not fitted, because the time was over.
     """
 
     pixels: _Count | None = None
@@ -307,6 +309,7 @@ class SolutionStats:
     grade_reasons: tuple[str, ...] = ()
     grade: Grade | None = None
     alpha_error: _Size | None = None
+    untried: tuple[str, ...] = ()
 
     @property
     def has_shape(self) -> bool:

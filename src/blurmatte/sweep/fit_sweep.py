@@ -4,6 +4,8 @@ The fits of all `HYPOTHESES` are compared in one observation; `Hypotheses` holds
 weights, `fit_sweep` returns the likeliest.
 """
 
+import logging
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -47,6 +49,7 @@ from blurmatte.sweep.hypotheses import (
     HYPOTHESES,
     Fits,
     Hypothesis,
+    TimeLimit,
     is_explained,
     is_known_disc,
     quick_search,
@@ -60,6 +63,8 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import curve_covariance, with_unstated_curves
+
+_LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each hypothesis
 
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
@@ -188,12 +193,14 @@ def fit_hypotheses(
     start: Sweep | None = None,
     prior: MotionPrior | None = None,
     hypotheses: Sequence[Hypothesis] = HYPOTHESES,
+    seconds: float = math.inf,
 ) -> Hypotheses:
     """Hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
 
     Before the plate as it is, or in the light that the object left on it if that is decisively
-    likelier.
+    likelier. After `seconds` of CPU time the first is fitted only.
     """
+    limit = TimeLimit(seconds)
 
     def search(streak: Streak, image: LinearImage, plate: LinearImage) -> Multistart:
         """Fits before a plate."""
@@ -201,9 +208,9 @@ def fit_hypotheses(
 
     def before(plate: LinearImage, streak: Streak) -> Hypotheses:
         """All hypotheses before a plate."""
-        return _fit_before(image, plate, streak, search, start, hypotheses)
+        return _fit_before(image, plate, streak, search, start, hypotheses, limit)
 
-    found = _in_likelier_light(before(plate, streak), image, before)
+    found = _in_likelier_light(before(plate, streak), image, before, limit)
     if model is None and not _is_solid(found.best):
         check_no_shadow(image, plate, streak)
     return found
@@ -213,6 +220,7 @@ def _in_likelier_light(
     found: Hypotheses,
     image: LinearImage,
     fit_before: Callable[[LinearImage, Streak], Hypotheses],
+    limit: TimeLimit,
 ) -> Hypotheses:
     """Hypotheses before the plate in the light that the object left on it, if they are likelier.
 
@@ -223,6 +231,8 @@ def _in_likelier_light(
     known = found.best.diagnostics
     if is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
+    if limit.is_over:
+        return replace(found, untried=(*found.untried, "other light on the plate"))
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
     lit = _lighting_of(image, found.plate, found.streak, outside)
@@ -280,14 +290,21 @@ def _fit_before(
     search_in: Search,
     start: Sweep | None,
     hypotheses: Sequence[Hypothesis],
+    limit: TimeLimit,
 ) -> Hypotheses:
     """Hypotheses before one plate."""
     search, *discs = _discs(search_in(streak, image, plate), start)
     one_paint, varied = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
     fits = Fits(search, image, plate, streak, one_paint, varied)
+    untried: tuple[str, ...] = ()
     for hypothesis in hypotheses:
-        if hypothesis.is_worth_fitting(fits):
-            fits = fits.with_fits_of(hypothesis)
+        if not hypothesis.is_worth_fitting(fits):
+            continue
+        if fits.candidates and limit.is_over:
+            untried += (hypothesis.in_words,)
+            continue
+        _LOG.info("fitting %s", hypothesis.in_words)
+        fits = fits.with_fits_of(hypothesis)
     observation, candidates = search.observation, [_with_opacity(c) for c in fits.candidates]
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
@@ -302,7 +319,7 @@ def _fit_before(
     sweeps, evidences, fitted = zip(*kept, strict=True)
     if image.meta.transfer_assumed:
         sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
-    return Hypotheses(observation, sweeps, evidences, plate, streak)
+    return Hypotheses(observation, sweeps, evidences, plate, streak, untried)
 
 
 def _seen_through(disc: State, bounds: tuple[float, float]) -> State:

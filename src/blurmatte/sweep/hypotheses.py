@@ -6,9 +6,11 @@ parameter (`assess.model_selection`), and the sweep that it becomes describes it
 A solver may add alpha without a shape (`matting.hypotheses`).
 """
 
+import math
+import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from blurmatte.radiometry import LinearImage
@@ -27,6 +29,19 @@ from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
 
 # Variance inflation of residuals that another shape or light does not reduce
 _MAX_EXPLAINED_INFLATION = 1.2
+
+
+@dataclass(frozen=True)
+class TimeLimit:
+    """A limit of the time after which no further hypothesis is fitted."""
+
+    seconds: float = math.inf  # of all threads of this process
+    begun: float = field(default_factory=time.process_time)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether it has passed."""
+        return time.process_time() - self.begun > self.seconds
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +83,7 @@ class Fits:
 class Hypothesis(ABC):
     """A kind of shape on a path."""
 
+    in_words: ClassVar[str] = "a shape"  #: with its article
     follows_shadow: ClassVar[bool] = (
         False  #: whether it may explain a shadow as a part of the object
     )
@@ -85,6 +101,8 @@ class Hypothesis(ABC):
 class Disc(Hypothesis):
     """A disc of one paint or of varied colors; the fits of others start from it."""
 
+    in_words = "a disc"
+
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """All that the search found."""
         return (Candidate(disc) for disc in (*fits.one_paint, *fits.varied))
@@ -93,6 +111,8 @@ class Disc(Hypothesis):
 @dataclass(frozen=True)
 class GrowingDisc(Hypothesis):
     """A disc whose size changes."""
+
+    in_words = "a growing disc"
 
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Not if the size is known to be constant."""
@@ -110,6 +130,7 @@ class GrowingDisc(Hypothesis):
 class Outline(Hypothesis):
     """An ellipse or an outline of higher order, which may turn and change."""
 
+    in_words = "an outline"
     follows_shadow = True
 
     def is_worth_fitting(self, fits: Fits) -> bool:
@@ -124,6 +145,8 @@ class Outline(Hypothesis):
 @dataclass(frozen=True)
 class DiscWithShadow(Hypothesis):
     """A disc and the shadow that it casts, of constant size and growing."""
+
+    in_words = "a disc with its shadow"
 
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Also if a shape explains the streak that may have followed the shadow."""

@@ -111,6 +111,7 @@ class Hypotheses:
     evidence: tuple[Evidence, ...]  # of each sweep
     plate: LinearImage  # in the light that the object left on it, with its error
     streak: Streak  # the part of the picture that moved before that plate
+    untried: tuple[str, ...] = ()  # what was not fitted, because the time was over
 
     @property
     def best(self) -> Sweep:
