@@ -1,5 +1,7 @@
 """Projection of light on an object's color."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.testing import assert_allclose
 
@@ -78,3 +80,19 @@ def test_streak_of_most_light_of_the_color_is_chosen():
     assert streak_of_color(streaks, image, plate, MODEL) is bright
     assert streak_of_color(streaks[:2], image, plate, MODEL) is faint
     assert streak_of_color(streaks, image, plate, ColorModel.any()) is shadow
+
+
+def test_a_streak_that_may_be_noise_is_chosen_only_if_all_may():
+    """Before a plate of nearly the object's hue its own streak has little energy of the color."""
+    rng = np.random.default_rng(2)
+    plate = plate_of(rng)
+    alpha, light = np.zeros((2, 20, 60))
+    masks = np.zeros((2, 20, 60), bool)
+    masks[0, 5:15, 5:15], masks[1, 5:15, 35:45] = True, True
+    light[masks[1]], alpha[masks[1]] = 0.2, 0.4
+    image = before(plate, alpha, light)
+    image.rgb[masks[0]] = rng.uniform(0, 1, (100, 3))
+    object_, noise = Streak(masks[0]), Streak(masks[1], expected_false=3.0)
+    assert streak_of_color([object_, noise], image, plate, MODEL) is object_
+    both = [replace(object_, expected_false=3.0), noise]
+    assert streak_of_color(both, image, plate, MODEL) is noise

@@ -53,8 +53,10 @@ def streak_of_color(
 
     An object of another color also has p ≠ 0, but p may be negative, and it has a component r = n·C,
     n ∝ l × B, which the model's color and the plate lack. Streaks in which that energy exceeds the
-    energy of the color come last.
+    energy of the color come last. Those that may be noise are chosen only if all may: where color and
+    plate have nearly one hue, the energy of the color is small in every streak.
     """
+    streaks = [streak for streak in streaks if streak.significant] or streaks
     if len(streaks) == 1 or model.rank > 1:
         return streaks[0]
     m = projection_vectors(plate, model)
