@@ -55,6 +55,14 @@ def wall():
     return truth, image, plate, solve(image, plate)
 
 
+def test_the_error_of_the_color_grows_as_that_of_alpha(wall):
+    *_, solution = wall
+    factor = solution.stats.alpha_error / solution.stats.claimed_error
+    assert factor > 1.5
+    fitted = solution.sweep.model
+    assert solution.model.angle_std == pytest.approx(factor * fitted.angle_std, rel=1e-6)
+
+
 def test_a_ball_before_one_hue_is_confirmed(wall):
     truth, *_, solution = wall
     assert solution.solver == repr(Swept())

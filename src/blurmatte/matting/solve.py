@@ -255,7 +255,9 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
         sweep = replace(sweep, covariance=covariance).with_curve_error
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))
-    model = replace(model, mean=mean_light(maps))
+    # What misleads alpha misleads the color with it.
+    covariance = answer.error_factor**2 * model.covariance
+    model = replace(model, mean=mean_light(maps), covariance=covariance)
     name = repr(answer.chosen or solver)
     return Solution(*maps, model=model, solver=name, stats=stats, sweep=sweep)
 
