@@ -31,6 +31,7 @@ from blurmatte.matting.stats import SolutionStats, SweepSummary
 from blurmatte.matting.summary import streak_sums
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.assess.model_selection import (
+    hypothesis_probabilities,
     hypothesis_scores,
     hypothesis_weights,
 )
@@ -50,7 +51,7 @@ class _WeightedHypotheses:
     shapes: list[OnPath]
     shapeless: list[Shapeless]
     possible: list[bool]  #: of all, whether the mixtures of the streak permit it
-    weights: Array  #: (n,); they sum to 1, and are 0 of what is impossible
+    weights: Array  #: (n,) probabilities, which sum to 1 and are 0 of what is impossible
     box: Box
     estimates: list[AlphaEstimate]  #: of all, in the box
 
@@ -74,7 +75,7 @@ class _WeightedHypotheses:
         can = iter(possible)
         shapes = [one if next(can) else one.made_impossible for one in shapes]
         shapeless = [one if next(can) else one.made_impossible for one in shapeless]
-        weights = hypothesis_weights([one.evidence for one in (*shapes, *shapeless)])
+        weights = hypothesis_probabilities([one.evidence for one in (*shapes, *shapeless)])
         return cls(shapes, shapeless, possible, weights, box, estimates)
 
     @property
@@ -111,17 +112,21 @@ class _WeightedHypotheses:
         return price, no_shape
 
     @property
+    def of_likeliest_shapes(self) -> Array:
+        """(n,) weights of the shapes, for errors that are known of those that fit best."""
+        return hypothesis_weights([one.evidence for one in self.shapes])
+
+    @property
     def opacity_error(self) -> float:
         """Relative standard deviation of the opacity of the shapes, which calibrations do not know."""
         relative = [one.opacity_error for one in self.shapes]
-        weights = self.weights[: len(relative)]
-        return float(np.sqrt(weights @ np.square(relative) / max(float(weights.sum()), 1e-12)))
+        return float(np.sqrt(self.of_likeliest_shapes @ np.square(relative)))
 
     @property
     def curve_error(self) -> tuple[Array, float]:
         """Standard deviations of alpha and of its sum by an assumed curve, not in calibrations."""
         pairs = [one.sweep.curve_error(self.box) for one in self.shapes]
-        weights = self.weights[: len(pairs)]
+        weights = self.of_likeliest_shapes * float(self.weights[: len(pairs)].sum())
         alpha, total = (np.array(values) for values in zip(*pairs, strict=True))
         return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
 
