@@ -359,8 +359,10 @@ def _curve_doubts(
     if reading.transfer is not None or not alike:
         return []
     sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
-    if sweep is not None and sweep.silhouette.name == "disc" and sweep.model.rank == 1:
-        return []
+    if sweep is not None and sweep.model.rank == 1:
+        silhouette = sweep.silhouette
+        if silhouette.is_disc and not silhouette.has("rates"):
+            return []
     fit = bm.sweep.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
         return []
