@@ -85,10 +85,10 @@ def info(
     answer(as_json, {"file": file, **numbers}, lines)
 
 
-Answer = tuple[list[str], dict[str, Any]]  # lines for people, and the same as values
+Description = tuple[list[str], dict[str, Any]]  # lines for people, and the same as values
 
 
-def _of_json(path: Path) -> Answer:
+def _of_json(path: Path) -> Description:
     from blurmatte.files.documents import json_kind, read_document, read_json
     from blurmatte.files.models import MODEL
 
@@ -115,7 +115,7 @@ class _Report:
     in_words: list[str]
 
 
-def _of_noise(noise: bm.NoiseModel) -> Answer:
+def _of_noise(noise: bm.NoiseModel) -> Description:
     rows = {"gain": noise.gain, "read_std": noise.read_std, "relative_std": noise.relative_std}
     names = "gain", "read noise", "of the light"
     said = (
@@ -125,7 +125,7 @@ def _of_noise(noise: bm.NoiseModel) -> Answer:
     return [str(noise), *said], {"kind": "noise", **rows}
 
 
-def _of_solution(solution: bm.Solution) -> Answer:
+def _of_solution(solution: bm.Solution) -> Description:
     from blurmatte.files.solutions import stats_to_mapping
 
     words, stats = bm.explain(solution), stats_to_mapping(solution.stats)
@@ -187,7 +187,9 @@ def _layer(path: Path, reading: Reading) -> bm.Layer | None:
     return layer if layer.alpha.min() < 1 else None
 
 
-def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool) -> Answer:
+def _of_picture(
+    path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool
+) -> Description:
     from blurmatte.files.errors import format_of
     from blurmatte.files.raster import load
 
@@ -217,7 +219,7 @@ def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: 
     return [*_header(path, numbers), *lines], {**numbers, **values}
 
 
-def _light(picture: bm.LinearImage) -> Answer:
+def _light(picture: bm.LinearImage) -> Description:
     """The light of a picture."""
     valid, (least, most) = float(np.mean(picture.valid)), _range(picture.rgb)
     lines = [
@@ -230,7 +232,7 @@ def _light(picture: bm.LinearImage) -> Answer:
     return lines, {"valid_share": valid, "light": (least, most), "median_std": std}
 
 
-def _alpha(layer: bm.Layer) -> Answer:
+def _alpha(layer: bm.Layer) -> Description:
     """The alpha of a layer, and its light."""
     alpha, (least, most) = layer.alpha, _range(layer.premultiplied)
     peak, share, total = float(alpha.max()), float(np.mean(alpha > 0)), alpha.sum(dtype=float)
