@@ -172,7 +172,7 @@ def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[st
                 C,
                 matched,
                 task.selection.model(C, matched, streak),
-                _matched(task.solver, match),
+                None if task.solver is None else task.solver.matched(match),
                 streak=streak,
                 matching=bm.background.Matching.NONE,
                 occluder=hidden,
@@ -301,13 +301,6 @@ def _of_light(text: str) -> bm.Shaded:
     bm.ColorModel.from_hex(text)  # refuses what is no color
     ((r, g, b),) = light_of_hex(text).tolist()
     return bm.Shaded(light=(r, g, b))
-
-
-def _matched(solver: Solver | None, match: bm.background.Match) -> Solver | None:
-    """The solver, with its plate in shadow matched like the plate."""
-    if isinstance(solver, bm.Shaded) and solver.plate is not None:
-        return replace(solver, plate=match.apply(solver.plate))
-    return solver
 
 
 def _required(name: str | None) -> bm.Grade | None:
