@@ -1,6 +1,7 @@
 """Shaded: a ball whose shadow is next to it and behind it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -178,13 +179,11 @@ def test_without_a_shadow_errors_are_those_of_the_solver():
 
 
 def test_plate_in_shadow_is_matched_as_the_plate_is():
-    """exact: a plate that is 1.2 times as bright."""
+    """exact"""
     light = np.random.default_rng(0).uniform(0.2, 0.7, (24, 32, 3))
-    image, plate = (bm.LinearImage(x, bm.NoiseModel(read_std=1e-3)) for x in (1.2 * light, light))
-    match = bm.background.fit_match(image, plate, bm.background.Matching.EXPOSURE)
-    solver = bm.Shaded(plate=plate)
-    assert np.array_equal(solver.matched(match).plate.rgb, match.apply(plate).rgb)
-    assert not np.array_equal(solver.matched(match).plate.rgb, plate.rgb)
+    plate, brighter = bm.LinearImage(light), bm.LinearImage(1.2 * light)
+    match = SimpleNamespace(apply=lambda picture: {id(plate): brighter}[id(picture)])
+    assert bm.Shaded(plate=plate).matched(match).plate is brighter
     lit = bm.Shaded(light=(0.5, 0.4, 0.3))
     assert lit.matched(match) is lit
     assert not lit.refusal_in_clips
