@@ -24,14 +24,13 @@ from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
-from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.model.path import FAMILIES, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.silhouette import DISC, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
 S = TypeVar("S")
 T = TypeVar("T")
 
-FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 
 # Settings of the search; lengths are in half widths of the streak unless they say pixels.

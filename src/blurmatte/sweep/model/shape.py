@@ -230,8 +230,8 @@ class FlatShape(Shape):
             For a shape with more than one rim.
         """
         raise MotionError(
-            f"only objects of one rim can be made sharp, and the fitted shape is: {self.name}; solve "
-            "with --solver smooth to keep its alpha"
+            f"only objects of one rim can be made sharp, and the fitted shape is: {self.name}; its "
+            "layer can be composed as it is"
         )
 
     def turn(self, shape: Array) -> float:
