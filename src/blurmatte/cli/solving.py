@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, Solver, solve_clip
+from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
 from blurmatte.cli.console import (
     Verbosity,
     about,
@@ -75,7 +75,7 @@ class _PictureOptions:
     notes: list[str]  # warnings of reading the plate
     selection: Selection
     occluder: Path | None
-    solver: Solver | None
+    solver: bm.matting.Solver | None
     matching: bm.background.Matching | None
 
 
@@ -231,7 +231,7 @@ def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReadi
     return reading if fit.best is fit.curves[0] else replace(reading, transfer=fit.best.name)
 
 
-def _solver(text: str, colors: ColorOptions) -> Solver | None:
+def _solver(text: str, colors: ColorOptions) -> bm.matting.Solver | None:
     """The solver of NAME or NAME:VALUE; None for all hypotheses, or if it needs pictures."""
     name, colon, value = text.partition(":")
     if name not in ("smooth", "shaded") and colon:
@@ -252,7 +252,7 @@ def _solver(text: str, colors: ColorOptions) -> Solver | None:
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {text!r}")
 
 
-def _clip_solver(text: str, colors: ColorOptions) -> Solver | None:
+def _clip_solver(text: str, colors: ColorOptions) -> bm.matting.Solver | None:
     """The solver of a clip, which has no plate in shadow."""
     method = _solver(text, colors)
     if text.partition(":")[0] != "shaded":
