@@ -191,7 +191,7 @@ SIGHTINGS = [bm.motion.FrameSightings(0, 0.0, ())]
         (lambda: bm.rendering.render("easy"), "scene must be a Scene"),
         (lambda: bm.rendering.Shot("easy"), "scene must be a Scene"),
         (lambda: bm.scenes.save_shot("out", "easy"), "shot must be a Shot"),
-        (lambda: bm.scenes.score(PICTURE, None), "answer must be a Answer"),
+        (lambda: bm.scenes.score(PICTURE, None), "answer must be a ProgramAnswer"),
         (lambda: bm.radiometry.nearest_transfer("srgb"), "curve must be a Transfer"),
         (lambda: bm.named_transfer(2.2), "name must be a str"),
         (lambda: bm.NoiseModel.rounding(256, "srgb"), "transfer must be a Transfer"),

@@ -31,7 +31,7 @@ from blurmatte.layer import Layer
 from blurmatte.matting import solve
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import render
-from blurmatte.scenes import Answer, Score, Truth, read_shots, score
+from blurmatte.scenes import ProgramAnswer, Score, Truth, read_shots, score
 
 SCENES = (
     "easy", "plain_wall", "two_hues", "glossy", "two_paints", "painted", "dice", "stick", "star",
@@ -180,10 +180,10 @@ def _best_matting(name: str, case: Case) -> Layer:
     return other.best_matting(_solver(name), case.image, trimap, case.truth)
 
 
-def _solver(name: str) -> other.Solver:
+def _solver(name: str) -> other.MattingMethod:
     import pymatting
 
-    solver: other.Solver = getattr(pymatting, f"estimate_alpha_{name}")
+    solver: other.MattingMethod = getattr(pymatting, f"estimate_alpha_{name}")
     return solver
 
 
@@ -242,7 +242,7 @@ def _most_memory() -> float | None:
 
 
 def _scored(method: Method, scene: str, outcome: Outcome, truth: Truth) -> Result:
-    answer = Answer(outcome.layer, method.alpha_only) if outcome.layer else None
+    answer = ProgramAnswer(outcome.layer, method.alpha_only) if outcome.layer else None
     return Result(method.name, scene, score(answer, truth), outcome.seconds, outcome.why)
 
 

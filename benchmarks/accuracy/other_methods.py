@@ -23,7 +23,7 @@ from blurmatte.rendering import add_noise, encode_codes
 from blurmatte.streaks import require_streaks
 
 Array = npt.NDArray[np.float64]
-Solver = Callable[..., Array]
+MattingMethod = Callable[..., Array]
 
 STRONGEST = 99.5  # percentile of the difference in the streak at which a key has alpha 1
 TRIMAP_RIM = 3  # pixels around the streak that are unknown in a trimap
@@ -85,7 +85,7 @@ def trimap_of(truth: Layer) -> Array:
     return np.where(foreground, 1.0, np.where(near, 0.5, 0.0))
 
 
-def matting(solver: Solver, image: LinearImage, trimap: Array) -> Layer:
+def matting(solver: MattingMethod, image: LinearImage, trimap: Array) -> Layer:
     """Alpha by a PyMatting solver, color by its estimate_foreground_ml: as documented.
 
     Its input is the picture around the streak, sRGB-coded as in its documentation.
@@ -98,7 +98,7 @@ def matting(solver: Solver, image: LinearImage, trimap: Array) -> Layer:
     return _matted(solver, image, trimap, SRGB, 1.0)
 
 
-def best_matting(solver: Solver, image: LinearImage, trimap: Array, truth: Layer) -> Layer:
+def best_matting(solver: MattingMethod, image: LinearImage, trimap: Array, truth: Layer) -> Layer:
     """The same times the true largest alpha, of the sRGB-coded or of the linear picture: the better.
 
     A trimap must contain foreground, and a faint streak has none: alpha is too large by a factor that
@@ -150,7 +150,7 @@ def _tuned(difference: Array, alpha: Floats, plain: float) -> tuple[float, float
 
 
 def _matted(
-    solver: Solver, image: LinearImage, trimap: Array, curve: Transfer, peak: float
+    solver: MattingMethod, image: LinearImage, trimap: Array, curve: Transfer, peak: float
 ) -> Layer:
     """Alpha times `peak` and its light; the solver sees light coded by `curve`."""
     from pymatting import estimate_foreground_ml

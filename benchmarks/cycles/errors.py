@@ -18,7 +18,7 @@ from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
 from blurmatte.metrics import calibration, false_alpha, trajectory_iou
-from blurmatte.scenes import Answer, Truth, score
+from blurmatte.scenes import ProgramAnswer, Truth, score
 from blurmatte.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
@@ -159,7 +159,7 @@ def errors_of(
     known = streak if solution is None else streak & solution.known
     summed = shown.alpha > 0 if solution is None else solution.streak & solution.known
     near = min(layers, key=lambda layer: _rms((answer.alpha - layer.alpha)[known]) or 0.0)
-    scored = score(Answer(shown), replace(truth, layer=near))
+    scored = score(ProgramAnswer(shown), replace(truth, layer=near))
     errors = Errors(
         alpha_rmse=_rms((answer.alpha - near.alpha)[known]),
         claimed=None,

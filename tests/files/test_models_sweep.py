@@ -61,7 +61,7 @@ def test_sweep_round_trips_exactly(name, silhouette):
 
 def test_unknown_path_family_is_rejected():
     """Door."""
-    with pytest.raises(ValueError, match="a path is one of line, parabola"):
+    with pytest.raises(ValueError, match="a path is one of line, arc"):
         path_family("spiral")
     with pytest.raises(ValueError, match="family is missing"):
         sweep_from_json(json.dumps({"size": [1, 2]}))

@@ -1,6 +1,7 @@
 """Shaded: a ball whose shadow is next to it and behind it."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -175,3 +176,14 @@ def test_without_a_shadow_errors_are_those_of_the_solver():
     marked = (solution.quality & np.uint8(Quality.SHADOW)) != 0
     assert not marked.any()
     assert solution.stats.sum_alpha_std < 0.02 * solution.stats.sum_alpha
+
+
+def test_plate_in_shadow_is_matched_as_the_plate_is():
+    """exact"""
+    light = np.random.default_rng(0).uniform(0.2, 0.7, (24, 32, 3))
+    plate, brighter = bm.LinearImage(light), bm.LinearImage(1.2 * light)
+    match = SimpleNamespace(apply=lambda picture: {id(plate): brighter}[id(picture)])
+    assert bm.Shaded(plate=plate).matched(match).plate is brighter
+    lit = bm.Shaded(light=(0.5, 0.4, 0.3))
+    assert lit.matched(match) is lit
+    assert not lit.refusal_in_clips

@@ -14,7 +14,7 @@ from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Camera, Nearby, Scene, Shadow, Shot, colorful_plate, render
 from blurmatte.scenes import (
-    Answer,
+    ProgramAnswer,
     find_scenes,
     mean_score,
     read_answer,
@@ -104,7 +104,7 @@ def test_truth_is_blurred_by_the_optics(tmp_path):
 
 
 def test_score_of_the_truth_is_perfect(folder, truth):
-    answer = Answer(truth.layer, trajectory=truth.trajectory, subframes=truth.subframes)
+    answer = ProgramAnswer(truth.layer, trajectory=truth.trajectory, subframes=truth.subframes)
     perfect = score(answer, truth)
     zeros = ("alpha_rmse", "alpha_sad", "alpha_gradient_error", "alpha_sum_bias", "false_alpha")
     for name in (*zeros, "premultiplied_rmse"):
@@ -166,7 +166,7 @@ def test_missing_answer_is_counted_as_a_miss(truth):
     streak = truth.layer.alpha[truth.layer.alpha > 0].astype(float)
     assert miss.alpha_rmse == pytest.approx(np.sqrt(np.mean(streak**2)))
     assert miss.recomposite_psnr < 40
-    good = score(Answer(truth.layer, trajectory=truth.trajectory), truth)
+    good = score(ProgramAnswer(truth.layer, trajectory=truth.trajectory), truth)
     both = mean_score([good, miss])
     assert not both.answered
     assert both.trajectory_iou == 0.5
@@ -174,7 +174,7 @@ def test_missing_answer_is_counted_as_a_miss(truth):
 
 
 def test_table_omits_metrics_that_are_none(truth):
-    table = score_table({"a": score(Answer(truth.layer), truth), "b": score(None, truth)})
+    table = score_table({"a": score(ProgramAnswer(truth.layer), truth), "b": score(None, truth)})
     head, first, second, mean, _ = table.splitlines()
     assert head.split()[:3] == ["scene", "answered", "alpha"]
     assert "TIoU" not in head
@@ -184,7 +184,7 @@ def test_table_omits_metrics_that_are_none(truth):
 
 
 def test_table_has_standard_errors_of_its_means(truth):
-    whole, miss = score(Answer(truth.layer), truth), score(None, truth)
+    whole, miss = score(ProgramAnswer(truth.layer), truth), score(None, truth)
     rmse = (0.1, 0.2, 0.6)
     scores = {str(value): replace(whole, alpha_rmse=value) for value in rmse}
     scores["2"] = replace(scores.pop("0.2"), alpha_sum_bias=-0.4, color_units=3.0)
@@ -227,4 +227,4 @@ def test_rejects_wrong_folders(truth, tmp_path):
     with pytest.raises(TypeError, match="a score must be a Score, got str"):
         mean_score("ball")
     with pytest.raises(ValueError, match=r"the result is 96x63 pixels and the truth 96x64"):
-        score(Answer(small), truth)
+        score(ProgramAnswer(small), truth)

@@ -9,6 +9,6 @@ from blurmatte.background.plate import PlateFit as PlateFit
 from blurmatte.background.plate import make_plate as make_plate
 from blurmatte.background.plate import plate_for_clip as plate_for_clip
 from blurmatte.background.samples import max_coded_samples as max_coded_samples
-from blurmatte.background.shots import Shot as Shot
+from blurmatte.background.shots import ClipShot as ClipShot
 from blurmatte.background.shots import find_shots as find_shots
 from blurmatte.background.shots import thumbnail as thumbnail

@@ -27,7 +27,7 @@ _MAX_GAIN = 1.5  # of the light within a shot, one way or the other
 
 
 @dataclass(frozen=True)
-class Shot:
+class ClipShot:
     """Frames of one scene from one place.
 
     Parameters
@@ -48,7 +48,7 @@ class Shot:
     def __len__(self) -> int:
         return self.stop - self.start
 
-    def numbered(self, numbers: Sequence[int]) -> "Shot":
+    def numbered(self, numbers: Sequence[int]) -> "ClipShot":
         """The same in the numbers of the frames instead of their indices."""
         return replace(self, start=numbers[self.start], stop=numbers[self.stop - 1] + 1)
 
@@ -68,7 +68,7 @@ def thumbnail(frame: CodedFrame) -> Thumbnail:
     return np.asarray(means - np.float32(frame.zero[0]))
 
 
-def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Shot]:
+def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[ClipShot]:
     """The shots of a clip, in order; together they are all frames.
 
     Parameters
@@ -79,7 +79,7 @@ def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Shot
         Difference of two code values; 0 for light, in which white is 1.
     """
     least = _MIN_CHANGE_CODES * (step if step > 0 else 1 / 255)
-    shots: list[Shot] = []
+    shots: list[ClipShot] = []
     begun, changes = 0, list[float]()
     reason, first, before = "start", None, None
     index = -1
@@ -92,13 +92,13 @@ def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Shot
         gain = _gain(first, now)
         if changed > _CUT_FRACTION or abs(np.log(gain)) > np.log(_MAX_GAIN):
             new = "cut" if changed > _CUT_FRACTION else "light"
-            shots += _with_pans(Shot(begun, index, reason), changes)
+            shots += _with_pans(ClipShot(begun, index, reason), changes)
             begun, reason, first, changes = index, new, now, []
             changed = 0.0
         changes.append(changed)
         before = now
     if index >= 0:
-        shots += _with_pans(Shot(begun, index + 1, reason), changes)
+        shots += _with_pans(ClipShot(begun, index + 1, reason), changes)
     return _without_flashes(shots)
 
 
@@ -113,7 +113,7 @@ def _gain(a: Thumbnail, b: Thumbnail) -> float:
     return float(np.median(b[bright] / a[bright])) if bright.any() else 1.0
 
 
-def _with_pans(shot: Shot, changes: list[float]) -> Iterator[Shot]:
+def _with_pans(shot: ClipShot, changes: list[float]) -> Iterator[ClipShot]:
     """A shot without cuts, divided where the camera begins to move, and where it stops."""
     moving = np.array(changes) > _PAN_FRACTION
     edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(int)))
@@ -125,17 +125,17 @@ def _with_pans(shot: Shot, changes: list[float]) -> Iterator[Shot]:
     at, reason = 0, shot.begins_with
     for a, b in pans:
         if a > at:
-            yield Shot(shot.start + at, shot.start + a, reason)
+            yield ClipShot(shot.start + at, shot.start + a, reason)
             reason = "cut"
-        yield Shot(shot.start + a, shot.start + b, reason, moving=True)
+        yield ClipShot(shot.start + a, shot.start + b, reason, moving=True)
         at, reason = b, "cut"
     if at < len(changes):
-        yield Shot(shot.start + at, shot.stop, reason)
+        yield ClipShot(shot.start + at, shot.stop, reason)
 
 
-def _without_flashes(shots: list[Shot]) -> list[Shot]:
+def _without_flashes(shots: list[ClipShot]) -> list[ClipShot]:
     """Shots too short for a plate belong to the one before: a flash, or a dropped frame."""
-    kept: list[Shot] = []
+    kept: list[ClipShot] = []
     for shot in shots:
         if kept and len(shot) < _MIN_SHOT_FRAMES:
             kept[-1] = replace(kept[-1], stop=shot.stop)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any
 
 import typer
 
@@ -37,7 +37,6 @@ from blurmatte.formats import Writes, is_clip, written
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
-Solver: TypeAlias = "bm.matting.Solver"
 _LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solution"
 
 
@@ -106,7 +105,7 @@ def solve_clip(
     selection: Selection,
     options: ClipOptions,
     occluder: Path | None,
-    solver: Solver | None,
+    solver: bm.matting.Solver | None,
     required: bm.Grade | None,
     as_json: bool,
 ) -> None:

@@ -24,10 +24,10 @@ from blurmatte.formats import EXR, Holds, format_at
 
 _MAX_UNEVEN = 0.01  # of intervals between frames, relative: stamps are rounded
 
-Answer = tuple[Iterable[str], dict[str, Any]]  # lines for people, and the same as values
+Description = tuple[Iterable[str], dict[str, Any]]  # lines for people, and the same as values
 
 
-def contents(path: Path, reading: Reading, said: list[str]) -> Answer:
+def contents(path: Path, reading: Reading, said: list[str]) -> Description:
     """What is in a file; `said` are the warnings of reading it, and grows."""
     if path.suffix.lower() == ".json":
         return _of_json(path)
@@ -47,7 +47,7 @@ def picture_in(path: Path, reading: Reading) -> bm.LinearImage | bm.Layer | bm.S
     return _layer(path, reading) or picture
 
 
-def _of_json(path: Path) -> Answer:
+def _of_json(path: Path) -> Description:
     hint = "give a file that blurmatte wrote"
     match json_kind(read_document(path, hint)):
         case "transfer curve":
@@ -71,7 +71,7 @@ class _Report:
     in_words: list[str]
 
 
-def _of_noise(noise: bm.NoiseModel) -> Answer:
+def _of_noise(noise: bm.NoiseModel) -> Description:
     rows = {"gain": noise.gain, "read_std": noise.read_std, "relative_std": noise.relative_std}
     names = "gain", "read noise", "of the light"
     said = (
@@ -81,7 +81,7 @@ def _of_noise(noise: bm.NoiseModel) -> Answer:
     return [str(noise), *said], {"kind": "noise", **rows}
 
 
-def _of_solution(solution: bm.Solution) -> Answer:
+def _of_solution(solution: bm.Solution) -> Description:
     words, stats = bm.explain(solution), stats_to_mapping(solution.stats)
     lines = [str(solution), f"solver: {solution.solver}", in_degrees(solution.model), *words]
     lines += _named(stats)
@@ -139,7 +139,9 @@ def _layer(path: Path, reading: Reading) -> bm.Layer | None:
     return layer if layer.alpha.min() < 1 else None
 
 
-def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool) -> Answer:
+def _of_picture(
+    path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool
+) -> Description:
     meta, layer = picture.meta, _layer(path, reading)
     bits = None if meta.levels is None else math.ceil(np.log2(meta.levels))
     associated = layer is not None and load(path, max(1, layer.alpha.size)).associated
@@ -166,7 +168,7 @@ def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: 
     return [*_header(path, numbers), *lines], {**numbers, **values}
 
 
-def _light(picture: bm.LinearImage) -> Answer:
+def _light(picture: bm.LinearImage) -> Description:
     """The light of a picture."""
     valid, (least, most) = float(np.mean(picture.valid)), _range(picture.rgb)
     lines = [
@@ -179,7 +181,7 @@ def _light(picture: bm.LinearImage) -> Answer:
     return lines, {"valid_share": valid, "light": (least, most), "median_std": std}
 
 
-def _alpha(layer: bm.Layer) -> Answer:
+def _alpha(layer: bm.Layer) -> Description:
     """The alpha of a layer, and its light."""
     alpha, (least, most) = layer.alpha, _range(layer.premultiplied)
     peak, share, total = float(alpha.max()), float(np.mean(alpha > 0)), alpha.sum(dtype=float)
@@ -224,7 +226,7 @@ def _colors(space: str, white_balance: tuple[float, float, float] | None) -> str
     )
 
 
-def _of_clip(path: Path, reading: Reading) -> Answer:
+def _of_clip(path: Path, reading: Reading) -> Description:
     """A clip: its frames are counted, the first is decoded."""
     frames = bm.read_frames(path, reading.curve, reading.max_pixels)
     clip, times = frames.clip, frames.times

@@ -252,7 +252,7 @@ def _over_time(motion: bm.Motion) -> dict[str, Any]:
 def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.motion.Rotation:
     """The rotation from a turning outline of the sweep, otherwise from alpha."""
     sweep = solution.sweep
-    turns = sweep is not None and sweep.silhouette.turns
+    turns = sweep is not None and sweep.silhouette.has("turn")
     return bm.motion.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, Solver, solve_clip
+from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
 from blurmatte.cli.console import (
     Verbosity,
     about,
@@ -78,7 +78,7 @@ class _PictureOptions:
     notes: list[str]  # warnings of reading the plate
     selection: Selection
     occluder: Path | None
-    solver: Solver | None
+    solver: bm.matting.Solver | None
     matching: bm.background.Matching | None
 
 
@@ -179,7 +179,7 @@ def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[st
                 C,
                 matched,
                 task.selection.model(C, matched, streak),
-                _matched(task.solver, match),
+                None if task.solver is None else task.solver.matched(match),
                 streak=streak,
                 matching=bm.background.Matching.NONE,
                 occluder=hidden,
@@ -238,7 +238,7 @@ def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReadi
     return reading if fit.best is fit.curves[0] else replace(reading, transfer=fit.best.name)
 
 
-def _solver(text: str, colors: ColorOptions) -> Solver | None:
+def _solver(text: str, colors: ColorOptions) -> bm.matting.Solver | None:
     """The solver of NAME or NAME:VALUE; None for all hypotheses, or if it needs pictures."""
     name, colon, value = text.partition(":")
     if name not in ("smooth", "shaded") and colon:
@@ -259,7 +259,7 @@ def _solver(text: str, colors: ColorOptions) -> Solver | None:
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {text!r}")
 
 
-def _limited(method: Solver | None, how: SolvingOptions) -> Solver | None:
+def _limited(method: bm.matting.Solver | None, how: SolvingOptions) -> bm.matting.Solver | None:
     """The solver with its limit of time."""
     if how.seconds is None:
         return method
@@ -273,7 +273,7 @@ def _limited(method: Solver | None, how: SolvingOptions) -> Solver | None:
     return name(seconds=how.seconds)
 
 
-def _clip_solver(text: str, colors: ColorOptions) -> Solver | None:
+def _clip_solver(text: str, colors: ColorOptions) -> bm.matting.Solver | None:
     """The solver of a clip, which has no plate in shadow."""
     method = _solver(text, colors)
     if text.partition(":")[0] != "shaded":
@@ -322,13 +322,6 @@ def _of_light(text: str) -> bm.Shaded:
     bm.ColorModel.from_hex(text)  # refuses what is no color
     ((r, g, b),) = light_of_hex(text).tolist()
     return bm.Shaded(light=(r, g, b))
-
-
-def _matched(solver: Solver | None, match: bm.background.Match) -> Solver | None:
-    """The solver, with its plate in shadow matched like the plate."""
-    if isinstance(solver, bm.Shaded) and solver.plate is not None:
-        return replace(solver, plate=match.apply(solver.plate))
-    return solver
 
 
 def _required(name: str | None) -> bm.Grade | None:
@@ -380,8 +373,10 @@ def _curve_doubts(
     if reading.transfer is not None or not alike:
         return []
     sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
-    if sweep is not None and sweep.silhouette.name == "disc" and sweep.model.rank == 1:
-        return []
+    if sweep is not None and sweep.model.rank == 1:
+        silhouette = sweep.silhouette
+        if silhouette.is_disc and not silhouette.has("rates"):
+            return []
     fit = bm.sweep.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
         return []

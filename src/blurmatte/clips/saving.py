@@ -10,7 +10,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from blurmatte.background import Shot
+from blurmatte.background import ClipShot
 from blurmatte.checks import Bools, check_kind
 from blurmatte.clips.layers import (
     LAYER_EXTENSIONS,
@@ -147,7 +147,7 @@ class ClipReport:
     ----------
     records : tuple of FrameRecord
         Of all frames in which something moved, in order; those without a layer have a reason.
-    shots : tuple of Shot
+    shots : tuple of ClipShot
         In numbers of frames, as in the records.
     problems : tuple of str
         Shots without a result, and frames that failed, each with its reason; how many frames have no
@@ -164,7 +164,7 @@ class ClipReport:
     """
 
     records: tuple[FrameRecord, ...]
-    shots: tuple[Shot, ...]
+    shots: tuple[ClipShot, ...]
     problems: tuple[str, ...]
     files: tuple[Path, ...]
     seconds: float
@@ -253,7 +253,7 @@ def save_clip(
 
 
 def _shot(
-    run: ClipRun, folder: Path, number: int, shot: Shot, work: _Work, workers: Workers
+    run: ClipRun, folder: Path, number: int, shot: ClipShot, work: _Work, workers: Workers
 ) -> Iterator[FrameSightings | FrameRecord]:
     """Measure and solve the frames of a shot that are not done."""
     if shot.moving:
@@ -299,7 +299,9 @@ def _shot(
     work.records += sorted([*done.values(), *empty], key=lambda one: (one.frame, one.object))
 
 
-def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:
+def _written(
+    run: ClipRun, folder: Path, work: _Work, shots: Sequence[ClipShot]
+) -> tuple[Path, ...]:
     """Write table, plates, sheet and movie; their paths. Without a record there is no table."""
     table, files = folder / f"frames{run.table}", list[Path]()
     if work.records:
@@ -378,7 +380,7 @@ def _without_layer(work: _Work) -> list[str]:
     return [f"{len(without)} of {len(frames)} frames have no layer: {why}"]
 
 
-def _words(work: _Work, shots: Sequence[Shot]) -> list[str]:
+def _words(work: _Work, shots: Sequence[ClipShot]) -> list[str]:
     """Sentences for the sheet."""
     layers = [record for record in work.records if record.layer]
     grades = Counter(record.grade for record in layers)

@@ -29,6 +29,7 @@ from blurmatte.deblurring.view import View
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, scaled_inverse
 from blurmatte.sweep.model.path import CUBIC
+from blurmatte.sweep.model.silhouette import as_silhouette
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 # Settings of the search for other motions.
@@ -149,12 +150,12 @@ def _searched(
     found = _grown([fine], [steady], held)
     if any(_is_far(one.sweep, sweep) for one in found):
         found = _grown([coarse, fine], _scaled(steady), held)
-        if sweep.silhouette.changes:
+        if sweep.silhouette.has("rates"):
             found.append(_refined([coarse, fine], [_wide(sweep, held, grows=True)]))
     best = max(found, key=lambda one: one.log_evidence)
     if best.misfit > 1:  # a shape of another size may hide what is wrong: a spin, or a shadow
         held = list(range(len(sweep.path), len(sweep.covariance)))
-        starts = _scaled(_wide(sweep, held, sweep.silhouette.changes))
+        starts = _scaled(_wide(sweep, held, sweep.silhouette.has("rates")))
         best = _refined([coarse, fine], starts)
     return best, held
 
@@ -173,7 +174,7 @@ def _grown(
 ) -> list[_RefinedSweep]:
     """The likeliest motion from some starts, and for a disc one that grows."""
     found = [_refined(levels, starts)]
-    if starts[0].silhouette.order == 1:
+    if starts[0].silhouette.is_disc:
         found.append(_refined(levels[-1:], [_wide(found[0].sweep, held, grows=True)]))
     return found
 
@@ -212,7 +213,7 @@ def _held(view: View, sweep: Sweep) -> list[int]:
     The blur of the rim; and the radius, if the fit knows the colors or the file blurs them: at the rim
     light of any color may be that of the plate.
     """
-    soft = [-1] if sweep.silhouette.soft else []
+    soft = [-1] if sweep.silhouette.has("blur") else []
     return soft if sweep.model.rank == 3 and view.stored is None else [len(sweep.path), *soft]
 
 
@@ -229,9 +230,9 @@ def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
     for k in held:
         wider[k] = _HELD_STD_PX / np.sqrt(sweep.covariance[k, k])
     covariance = sweep.covariance * wider * wider[:, None]
-    if silhouette.order > 1 or silhouette.changes == grows:
+    if not silhouette.is_disc or silhouette.has("rates") == grows:
         return replace(sweep, covariance=covariance)
-    other = replace(silhouette, changes=grows)
+    other = replace(as_silhouette(silhouette), changes=grows)
     if grows:
         covariance = np.insert(np.insert(covariance, n + 1, 0, axis=0), n + 1, 0, axis=1)
         covariance[n + 1, n + 1] = (sweep.length / max(sweep.size)) ** 2

@@ -146,7 +146,7 @@ class Sharp:
 
     def _poses(self, sweep: Sweep, start: float, end: float) -> Poses:
         # An object that was there for a part of the exposure is opaque while it is there.
-        opaque = replace(sweep, silhouette=replace(sweep.silhouette, opacity=1.0))
+        opaque = replace(sweep, silhouette=sweep.silhouette.with_opacity(1.0))
         return poses_of(opaque, start, end, self.spin)
 
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
@@ -278,7 +278,7 @@ def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
     """The sweep of one ball with the path of its spin, if that was refined; ValueError for others."""
     check_kind("spin", spin, Spin, "use blurmatte.deblurring.fit_spin(image, plate, sweep)")
     check_kind("sweep", sweeps[0], Sweep, "use blurmatte.fit_sweep(image, plate)")
-    if len(sweeps) > 1 or sweeps[0].silhouette.order > 1:
+    if len(sweeps) > 1 or not sweeps[0].silhouette.is_disc:
         raise ValueError("a spin is that of one ball in one picture")
     return spin.sweep or sweeps[0]
 

@@ -138,7 +138,7 @@ def _strip_covariance(state: Explained, sphere: Sphere) -> Array:
 
 def _check_ball(sweep: Sweep) -> None:
     """Raise SpinError unless the silhouette is a disc that is large enough."""
-    if sweep.silhouette.order > 1:
+    if not sweep.silhouette.is_disc:
         raise SpinError(f"only balls have a spin, this silhouette is: {sweep.silhouette.name}")
     if sweep.radius < MIN_RADIUS_PX:
         raise SpinError(

@@ -13,6 +13,7 @@ from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.depth import BlurDepth
 from blurmatte.motion.space.plane import PlaneMotion
 from blurmatte.motion.space.rotation import Rotation
+from blurmatte.sweep.model.path import path_family
 
 # The direction of readout, and the opposite one
 _TOWARDS: dict[Direction, tuple[str, str]] = {
@@ -20,14 +21,6 @@ _TOWARDS: dict[Direction, tuple[str, str]] = {
     "up": ("up", "down"),
     "left": ("to the left", "to the right"),
     "right": ("to the right", "to the left"),
-}
-_PATHS = {
-    "line": "a straight line at constant speed",
-    "arc": "an arc at constant speed",
-    "bounce": "two straight pieces",
-    "from rest": "a straight line, at rest for a while",
-    "parabola": "a curve of constant acceleration",
-    "cubic": "a curve of changing acceleration",
 }
 _MAX_NAMED = 4  # frames in a sentence
 STANDARD_GRAVITY = 9.80665  # m/s² [3rd CGPM, 1901]
@@ -86,7 +79,7 @@ def _position(motion: Motion) -> Iterator[str]:
         "sweep": "the shape on a path that explains the streak",
         "moments": "sum, mean and covariance of alpha, assuming a straight path and constant speed",
     }[motion.source]
-    yield f"Measured from {basis}: {what} on {_PATHS[motion.path]}."
+    yield f"Measured from {basis}: {what} on {path_family(motion.path).motion_in_words}."
     yield f"Mean position of its center: x {with_error(x, dx)}, y {with_error(y, dy)} px."
     yield (
         f"Size: radius {with_error(motion.radius, motion.radius_std)} px (of a disc of its area, "
@@ -128,7 +121,7 @@ def _changes(motion: Motion) -> Iterator[str]:
             f"It was at rest for {motion.resting:.0%} ± {motion.resting_std:.1%} of the exposure, at "
             "one end of its path."
         )
-    if motion.path in ("line", "arc") or not motion.moved:
+    if path_family(motion.path).at_constant_speed or not motion.moved:
         return
     slowest = int(np.argmin(motion.speeds))
     low = with_error(float(motion.speeds[slowest]), float(motion.speeds_std[slowest]))

@@ -18,9 +18,11 @@ from blurmatte.files.documents import (
     numbers,
     parse_json,
     read_json,
+    to_mapping,
 )
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import path_family
+from blurmatte.sweep.model.shape import FlatShape, shape_kind
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 from blurmatte.trajectory import Trajectory
@@ -28,7 +30,6 @@ from blurmatte.trajectory import Trajectory
 MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
 MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn
 MAX_GAIN = 1e3  # from a channel of a camera to one of sRGB
-MAX_ORDER = 64  # of the Fourier series of an outline
 
 
 def model_to_json(model: ColorModel) -> str:
@@ -83,12 +84,8 @@ def sweep_to_json(sweep: Sweep) -> str:
     fields: dict[str, Any] = {
         "family": sweep.family.name,
         "path": sweep.path.tolist(),
-        "order": sweep.silhouette.order,
-        "turns": sweep.silhouette.turns,
-        "soft": sweep.silhouette.soft,
-        "changes": sweep.silhouette.changes,
-        "camera_stretch": sweep.silhouette.camera_stretch,
-        "opacity": sweep.silhouette.opacity,
+        "kind": sweep.silhouette.kind,
+        **to_mapping(sweep.silhouette),
         "opacity_std": sweep.opacity_std,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
@@ -109,8 +106,8 @@ def sweep_from_json(text: str) -> Sweep:
     fields = parse_json(text, dict[str, Any])
     if "bulges" in fields or "stats" in fields:
         raise FileError("solve its picture again; the sweep of an older blurmatte cannot be read")
-    sweep: Sweep = parse_json(text, Annotated[_SweepFields, AfterValidator(_sweep)])
-    return sweep
+    known: _SweepFields = parse_json(text, _SweepFields)
+    return _sweep(known, parse_json(text, shape_kind(known.kind)))
 
 
 @document
@@ -157,26 +154,18 @@ class _CastFields:
 class _SweepFields:
     family: str
     path: Annotated[Array, numbers(-MAX_PX, MAX_PX, None)]
-    order: Annotated[int, numbers(1, MAX_ORDER, whole=True)]
     shape: Annotated[Array, numbers(-MAX_PX, MAX_PX, None)]
     model: Json[_ModelFields]
     covariance: Annotated[Array, covariance_matrix(MAX_PX**2, None, None)]
     size: Annotated[Array, numbers(1, MAX_PX, 2, whole=True)]
     diagnostics: Diagnostics
     cast: _CastFields | None = None
-    turns: bool = False
-    soft: bool = False
-    changes: bool = False
-    camera_stretch: Annotated[Array, numbers(-1, 1, 2)] | None = None
-    opacity: Annotated[float, numbers(0, 1)] = 1.0
+    kind: str = Silhouette.kind
     opacity_std: Annotated[float, numbers(0, 1)] = 0.0
 
 
-def _sweep(fields: _SweepFields) -> Sweep:
+def _sweep(fields: _SweepFields, silhouette: FlatShape) -> Sweep:
     family = path_family(fields.family)
-    a, b = (0.0, 0.0) if fields.camera_stretch is None else fields.camera_stretch.tolist()
-    kinds = fields.turns, fields.soft, fields.changes
-    silhouette = Silhouette(fields.order, *kinds, (a, b), fields.opacity)
     counts = family.size, silhouette.size
     if (len(fields.path), len(fields.shape)) != counts or len(fields.covariance) != sum(counts):
         raise ValueError(f"path and shape must have {counts[0]} and {counts[1]} parameters")

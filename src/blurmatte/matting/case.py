@@ -185,6 +185,15 @@ class Solver(ABC):
         """The colors to solve with, if some were given or the solver knows its own."""
         return model
 
+    def matched(self, match: Match) -> "Solver":
+        """The same with what it knows of the plate matched to the image."""
+        return self
+
+    @property
+    def refusal_in_clips(self) -> str:
+        """Why it cannot solve the frames of a clip, and the remedy; empty if it can."""
+        return ""
+
     @abstractmethod
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Solve a case.

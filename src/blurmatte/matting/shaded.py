@@ -16,10 +16,11 @@ an object look the same, and alpha is that of such a part. If it is a shadow, al
 divided by the object's brightness; the difference is added to the error.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blurmatte.background import Match
 from blurmatte.checks import Array, Bools, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import darker_pixels
@@ -96,6 +97,17 @@ class Shaded(Solver):
         if model.rank != 1:
             raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
         return model
+
+    def matched(self, match: Match) -> "Shaded":
+        """With its plate in shadow matched."""
+        return self if self.plate is None else replace(self, plate=match.apply(self.plate))
+
+    @property
+    def refusal_in_clips(self) -> str:
+        """A plate in shadow is of one picture."""
+        if self.plate is None:
+            return ""
+        return "in a clip Shaded needs the object's light: the shadow moves with the object"
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Solve the streak of a case."""

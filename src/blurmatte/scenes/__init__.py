@@ -5,7 +5,7 @@ from blurmatte.scenes.reading import scene_names as scene_names
 from blurmatte.scenes.reading import scene_text as scene_text
 from blurmatte.scenes.reading import scene_title as scene_title
 from blurmatte.scenes.saving import save_shot as save_shot
-from blurmatte.scenes.score import Answer as Answer
+from blurmatte.scenes.score import ProgramAnswer as ProgramAnswer
 from blurmatte.scenes.score import Score as Score
 from blurmatte.scenes.score import Truth as Truth
 from blurmatte.scenes.score import find_scenes as find_scenes

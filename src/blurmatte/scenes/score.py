@@ -61,7 +61,7 @@ class Truth:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class ProgramAnswer:
     """The answer of a program to a scene."""
 
     layer: Layer  # alpha and premultiplied light; the light is 0 if `alpha_only`
@@ -108,7 +108,7 @@ def read_truth(folder: str | Path) -> Truth:
     return Truth(layer, plate, trajectory, radius, _subframes(truth) or ())
 
 
-def read_answer(path: str | Path) -> Answer:
+def read_answer(path: str | Path) -> ProgramAnswer:
     """Read the answer of a program: one file, or a folder of files.
 
     ================================  ======================================================
@@ -134,17 +134,17 @@ def read_answer(path: str | Path) -> Answer:
     return replace(answer, trajectory=trajectory, subframes=_subframes(place))
 
 
-def _layer_answer(path: Path) -> Answer:
+def _layer_answer(path: Path) -> ProgramAnswer:
     if path.name == "alpha.png":
         picture = read(path, LINEAR)
         if not picture.meta.gray:
             raise FileError(f"{path}: has colors; an alpha.png is gray")
-        return Answer(Layer(picture.rgb[..., 0], 0 * picture.rgb), alpha_only=True)
+        return ProgramAnswer(Layer(picture.rgb[..., 0], 0 * picture.rgb), alpha_only=True)
     layer = read_layer(path)
     try:
-        return Answer(layer, solution=read_solution(path))
+        return ProgramAnswer(layer, solution=read_solution(path))
     except FileError:  # a layer of another program
-        return Answer(layer)
+        return ProgramAnswer(layer)
 
 
 def _subframes(folder: Path) -> tuple[Layer, ...] | None:
@@ -192,12 +192,12 @@ class Score:
     subframe_ssim: float | None
 
 
-def score(answer: Answer | None, truth: Truth) -> Score:
+def score(answer: ProgramAnswer | None, truth: Truth) -> Score:
     """Compare an answer with the truth.
 
     Parameters
     ----------
-    answer : Answer or None
+    answer : ProgramAnswer or None
         None if the program refused or wrote no file; this counts as a miss.
     truth : Truth
 
@@ -210,10 +210,10 @@ def score(answer: Answer | None, truth: Truth) -> Score:
     ValueError
         If sizes or numbers of sub-frames differ, or numbers are not finite.
     """
-    check_kind("answer", answer, Answer | None, "use blurmatte.scenes.read_answer(file)")
+    check_kind("answer", answer, ProgramAnswer | None, "use blurmatte.scenes.read_answer(file)")
     check_kind("truth", truth, Truth, "use blurmatte.scenes.read_truth(folder)")
     true = truth.layer
-    given = answer or Answer(Layer(0 * true.alpha, 0 * true.premultiplied))
+    given = answer or ProgramAnswer(Layer(0 * true.alpha, 0 * true.premultiplied))
     layer, mirrored = given.layer, LinearImage(truth.plate.rgb[:, ::-1])
     check_same_size("the result", layer.size, "the truth", true.size)
     color = None if given.alpha_only else _color_distance(layer, true)
@@ -325,7 +325,7 @@ def _color_distance(layer: Layer, true: Layer) -> ColorDistance | None:
     return color_distance(found, real / true.alpha[streak].sum(dtype=float))
 
 
-def _alpha_spread(answer: Answer, truth: Truth) -> float | None:
+def _alpha_spread(answer: ProgramAnswer, truth: Truth) -> float | None:
     solution = answer.solution
     if solution is None:
         return None
@@ -335,7 +335,9 @@ def _alpha_spread(answer: Answer, truth: Truth) -> float | None:
     return calibration(solution.alpha, solution.alpha_std, truth.layer.alpha, seen).spread
 
 
-def _motion_scores(answer: Answer, truth: Truth) -> tuple[float | None, float | None, float | None]:
+def _motion_scores(
+    answer: ProgramAnswer, truth: Truth
+) -> tuple[float | None, float | None, float | None]:
     path = answer.trajectory
     iou = trajectory_iou(path, truth.trajectory, truth.radius) if path else None
     if answer.subframes is None:

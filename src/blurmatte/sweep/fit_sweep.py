@@ -58,7 +58,7 @@ from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.silhouette import OPAQUE
+from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
@@ -340,7 +340,7 @@ def _with_opacity(candidate: Candidate) -> Candidate:
         fitted = fit_opacity(state)
         if fitted.value + fitted.std < OPAQUE or fitted.std > 1 - OPAQUE:
             found = fitted
-    silhouette = replace(state.silhouette, opacity=found.value)
+    silhouette = candidate.silhouette.with_opacity(found.value)
     if state.silhouette != silhouette:
         state = replace(state.of_kind(silhouette), converged=state.converged)
     return replace(candidate, state=state, opacity_std=found.std)
@@ -361,11 +361,12 @@ def fit_stretch(
     search = Multistart.of(streak, image, plate, ColorPrior.of(model))
     search, one_paint, _ = _discs(search.with_prior(prior), start)
     disc = one_paint[0]
-    ellipse = disc.of_kind(replace(disc.silhouette, order=2))
+    ellipse = disc.of_kind(replace(as_silhouette(disc.silhouette), order=2))
     ellipse = minimize(ellipse, search.bounds, MAX_STEPS, ROUGH_TOLERANCE)
-    at = slice(len(ellipse.path) + 1, len(ellipse.path) + 3)
+    stretch, n = ellipse.silhouette.at("stretch"), len(ellipse.path)
+    at = slice(n + stretch.start, n + stretch.stop)
     covariance = np.asarray(np.linalg.pinv(ellipse.information()[0], hermitian=True)[at, at], float)
-    return ellipse.shape[1:3], variance_inflation(ellipse) * VARIANCE * covariance
+    return ellipse.shape[stretch], variance_inflation(ellipse) * VARIANCE * covariance
 
 
 def fit_disc(

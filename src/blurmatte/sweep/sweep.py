@@ -17,7 +17,7 @@ from blurmatte.sweep.model.chroma_subsampling import (
 )
 from blurmatte.sweep.model.path import PathFamily, path_spread
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha
+from blurmatte.sweep.model.shape import FlatShape, SweptAlpha
 from blurmatte.trajectory import PointSpread, Trajectory
 
 MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 for noise alone
@@ -89,7 +89,7 @@ class Sweep:
         Kind of the path.
     path : (n,) float
         Its parameters, pixels.
-    silhouette : Silhouette
+    silhouette : FlatShape
         Kind of the shape.
     shape : (m,) float
         Its parameters; the first is a radius in pixels.
@@ -112,7 +112,7 @@ class Sweep:
 
     family: PathFamily
     path: Array
-    silhouette: Silhouette
+    silhouette: FlatShape
     shape: Array
     model: ColorModel
     covariance: Array

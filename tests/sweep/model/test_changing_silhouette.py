@@ -101,7 +101,7 @@ def test_alpha_sums_to_the_mean_area(silhouette):
 @every_kind
 def test_zero_rates_give_the_constant_silhouette(silhouette):
     shape = SHAPES[silhouette].copy()
-    shape[silhouette._rates] = 0
+    shape[silhouette.at("rates")] = 0
     plain = replace(silhouette, changes=False)
     swept = silhouette.sweep(ARC, ROUND, shape, canvas())
     alike = plain.sweep(ARC, ROUND, plain.like(silhouette, shape), canvas())

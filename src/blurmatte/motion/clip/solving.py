@@ -15,7 +15,6 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
-from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
@@ -106,7 +105,7 @@ class FrameSolver:
     @property
     def fits_shapes(self) -> bool:
         """Whether path and radius of the other frames are a prior of the solutions."""
-        return self.solver is None or isinstance(self.solver, Swept)
+        return self.solver is None or self.solver.needs_sweep
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
         """The solution in the whole picture, or why there is none.
@@ -263,10 +262,8 @@ def _without_warnings() -> Iterator[None]:
 def check_clip_solver(solver: Solver | None) -> None:
     """Raise TypeError or ValueError unless frames of a clip can be solved by it."""
     check_kind("solver", solver, Solver | None, "such as blurmatte.Smooth()")
-    if isinstance(solver, Shaded) and solver.plate is not None:
-        raise ValueError(
-            "in a clip Shaded needs the object's light: the shadow moves with the object"
-        )
+    if solver is not None and solver.refusal_in_clips:
+        raise ValueError(solver.refusal_in_clips)
 
 
 def rows_to_solve(rows: Sequence[FrameMotion], color_found: bool) -> list[FrameMotion]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
-from blurmatte.background import Shot, find_shots, thumbnail
+from blurmatte.background import ClipShot, find_shots, thumbnail
 from blurmatte.background.shots import Thumbnail
 from blurmatte.checks import Bools, Direction, check_kind
 from blurmatte.color.model import ColorModel
@@ -36,7 +36,7 @@ from blurmatte.motion.clip.solving import (
 from blurmatte.motion.clip.workers import Failure, Workers, parts_of, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames, each_coded
 
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +134,7 @@ class ClipMeasured:
         return replace(self, rows=rows)
 
 
-def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[Shot]:
+def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[ClipShot]:
     """The shots of a clip."""
     LOG.info("finding the shots")
     step = next(coded_frames(frames, slice(0, 1))).step
@@ -205,8 +205,8 @@ def solved(
     done: ClipMeasured,
     workers: Workers,
     solver: Solver | None,
-    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], Wanted], Answer]],
-) -> Iterator[tuple[Wanted, Answer | Failure]]:
+    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], Wanted], Result]],
+) -> Iterator[tuple[Wanted, Result | Failure]]:
     """What a work made of each frame with the object that is not written, in order.
 
     Parameters

@@ -36,7 +36,7 @@ _ALIGNMENT = 64  # bytes, of arrays in a file
 _M_MMAP_THRESHOLD = -3  # its number in malloc.h
 _MMAP_THRESHOLD_BYTES = 2 << 20
 
-Answer = TypeVar("Answer")
+Result = TypeVar("Result")
 
 _work: tuple[Path, Callable[..., Any]] | None = None
 
@@ -93,10 +93,10 @@ class Workers:
 
     def in_order(
         self,
-        work: Callable[..., Answer],
+        work: Callable[..., Result],
         tasks: Iterable[tuple[Any, ...]],
         waiting: int = 2,
-    ) -> Iterator[Answer]:
+    ) -> Iterator[Result]:
         """Results of `work` for each task, in order.
 
         Parameters
@@ -114,10 +114,10 @@ class Workers:
     def over(
         self,
         frames: Sequence[LinearImage],
-        work: Callable[..., Answer],
+        work: Callable[..., Result],
         parts: Iterable[tuple[Any, ...]],
         waiting: int = 2,
-    ) -> Iterator[Answer | Failure]:
+    ) -> Iterator[Result | Failure]:
         """As `outcomes`, for parts of a clip, which is sent to each process once.
 
         Parameters
@@ -137,10 +137,10 @@ class Workers:
 
     def outcomes(
         self,
-        work: Callable[..., Answer],
+        work: Callable[..., Result],
         tasks: Iterable[tuple[Any, ...]],
         waiting: int = 2,
-    ) -> Iterator[Answer | Failure]:
+    ) -> Iterator[Result | Failure]:
         """As `in_order`, with a `Failure` for each task that raised, or whose process died repeatedly.
 
         Tasks of a process that was killed are done again.
@@ -231,7 +231,7 @@ class _Pending:
     attempt: int = 1
 
 
-def _attempted(work: Callable[..., Answer], task: tuple[Any, ...]) -> Answer | Failure:
+def _attempted(work: Callable[..., Result], task: tuple[Any, ...]) -> Result | Failure:
     try:
         return work(*task)
     except Exception as error:
@@ -249,7 +249,7 @@ class _OfClip:
         return self.work(self.frames[which], *more)
 
 
-def successes(outcomes: Iterable[Answer | Failure]) -> Iterator[Answer]:
+def successes(outcomes: Iterable[Result | Failure]) -> Iterator[Result]:
     """Results of tasks; the error of the first that failed is raised."""
     for outcome in outcomes:
         if isinstance(outcome, Failure):

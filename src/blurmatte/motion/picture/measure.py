@@ -140,14 +140,9 @@ def _times(sweep: Sweep, path: Array) -> Array:
 
 
 def _centers(sweep: Sweep, path: Array, shape: Array, t: Array) -> Array:
-    """(T, 2) centroids of the silhouette; that of an outline of order 3 or more is off its origin."""
-    xy = sweep.family.at(path, t)[0]
-    if sweep.silhouette.order < 3:
-        return xy
-    x, y = sweep.silhouette.outline(shape, _OUTLINE_POINTS).T
-    cross = x * np.roll(y, -1) - np.roll(x, -1) * y
-    middle = [np.sum((v + np.roll(v, -1)) * cross) / (3 * cross.sum()) for v in (x, y)]
-    return np.asarray(xy + sweep.silhouette.map_at(shape, t) @ np.array(middle))
+    """(T, 2) centroids of the silhouette."""
+    xy, silhouette = sweep.family.at(path, t)[0], sweep.silhouette
+    return np.asarray(xy + silhouette.map_at(shape, t) @ silhouette.center(shape))
 
 
 def _velocity(sweep: Sweep, path: Array, shape: Array, t: int) -> Array:

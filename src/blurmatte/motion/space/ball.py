@@ -135,7 +135,7 @@ def fit_ball(
     H, _ = best.information()
     covariance = np.linalg.pinv(H, hermitian=True) * variance_inflation(best) * VARIANCE
     picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance))
-    found = diagnosed(Candidate(best), float(best.shape[0]), float(covariance[n, n] ** 0.5), 0.0)
+    found = diagnosed(Candidate(best), best.radius, float(covariance[n, n] ** 0.5), 0.0)
     _check_accepted(
         replace(sweep, diagnostics=found),
         "no ball on a straight line or with constant acceleration explains the streak",
@@ -208,6 +208,7 @@ def _start(data: Observation, ball: PerspectiveBall, sweep: Sweep, family: Polyn
     X = positions_of_discs(ball.intrinsics, centers, sweep.radius)
     pixels = ball.intrinsics.project(X)
     radii = ball.intrinsics.magnification(pixels) / np.linalg.norm(X, axis=1)
+    ball = replace(ball, degree=family.degree)
     shape = np.array([np.exp(np.log(radii).mean()), *np.zeros(family.degree)])
     return with_principal_axes(state_at(data, family, pixels.ravel(), ball, shape))
 
@@ -220,7 +221,7 @@ def _accelerates(ball: PerspectiveBall, line: State) -> bool:
     radius = ball.intrinsics.magnification(pixel) / np.linalg.norm(middle)
     path = np.concatenate([line.path[:2], pixel[0], line.path[2:]])
     shape = np.array([*line.shape, np.log(radius[0] / line.shape[0])])
-    bent = state_at(line.observation, PARABOLA, path, ball, shape)
+    bent = state_at(line.observation, PARABOLA, path, replace(ball, degree=2), shape)
     H, g = bent.information()
     gain = float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
     return gain / variance_inflation(line) > _MIN_GAIN * (bent.size - line.size)

@@ -23,7 +23,8 @@ from blurmatte.intrinsics import Intrinsics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha, moments
+from blurmatte.sweep.model.shape import Shape, SweptAlpha
+from blurmatte.sweep.model.silhouette import moments
 
 _STEP = 0.05  # pixels, for derivatives of rays
 _OUTLINE_POINTS = 16
@@ -31,12 +32,20 @@ _GROWTHS = {2: np.array([[-0.5], [0.5]]), 3: np.array([[-0.5, 0], [0, 1], [0.5, 
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class PerspectiveBall(Silhouette):
+class PerspectiveBall(Shape):
     """The image of a ball in the pixels of an observation."""
+
+    name = "ball"
 
     intrinsics: Intrinsics
     rays: Array  # (h, w, 3) float: unit directions of the rays of the pixels
     slopes: Array  # (h, w, 3, 2) float: their change from pixel to pixel, in x and y
+    degree: int = 1  # of its path through space
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The radius, and the differences of its logarithm."""
+        return "radius", *self.degree * ("growth",)
 
     @classmethod
     def in_observation(cls, intrinsics: Intrinsics, data: Observation) -> "PerspectiveBall":

@@ -155,7 +155,7 @@ def measure_rotation(
 
 
 def _of_sweep(sweep: Sweep) -> Rotation:
-    if not sweep.silhouette.turns:
+    if not sweep.silhouette.has("turn"):
         raise MotionError(
             f"the sweep is of a {sweep.silhouette.name} without rotation; give the solution"
         )

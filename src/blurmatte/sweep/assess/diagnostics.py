@@ -31,9 +31,9 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
         inflation *= prior.scatter**2
     H, _ = state.information()
     covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
-    silhouette = state.silhouette
+    silhouette = candidate.silhouette
     if candidate.chroma_blur > 0 and image.meta.sharing is None:
-        silhouette = replace(silhouette, soft=False)  # the file blurred the rim, not the lens
+        silhouette = silhouette.sharp  # the file blurred the rim, not the lens
     n = len(state.path) + silhouette.size
     covariance, shape = covariance[:n, :n], state.shape[: silhouette.size]
     total = state.swept.by_parameters[..., :n].sum(axis=(0, 1))

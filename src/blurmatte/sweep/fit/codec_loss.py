@@ -96,7 +96,7 @@ def candidate_before_file(
 ) -> Candidate:
     """The sweep in the light before its file, if that blurred colors."""
     known = state.observation.compression is not None
-    if not known and not (state.silhouette.soft and colors_are_correlated(state)):
+    if not known and not (state.silhouette.has("blur") and colors_are_correlated(state)):
         return Candidate(state, cast)
     blur = chroma_blur_std(state)
     return Candidate(corrected_for_file(state, transfer), cast, blur)
@@ -105,7 +105,7 @@ def candidate_before_file(
 def corrected_for_file(state: State, transfer: Transfer) -> State:
     """A sweep that was fitted to the light of a file, fitted to its light before the file."""
     observed, blur = state.observation, chroma_blur_std(state)
-    bounds = state.shape[0] / 2, state.shape[0] * 2
+    bounds = state.radius / 2, state.radius * 2
     for _ in range(2):  # the second correction starts from the shape of the first
         before = light_before_file(observed, state, transfer, blur)
         state = minimize(state.relit(before), bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)

@@ -44,7 +44,7 @@ def minimize(
     )
     if not converged:
         return state
-    return replace(state, converged=bool(bounds[0] < state.shape[0] < bounds[1]))
+    return replace(state, converged=bool(bounds[0] < state.radius < bounds[1]))
 
 
 def _held(state: State, g: Array, bounds: tuple[float, float]) -> Bools:
@@ -58,11 +58,11 @@ def _held(state: State, g: Array, bounds: tuple[float, float]) -> Bools:
 
 def _moved(state: State, step: Array, bounds: tuple[float, float]) -> State:
     """The state after a step, shortened to where the model is about linear."""
-    n, soft = len(state.path), int(state.silhouette.soft)
-    lengths = [*step[: n + 1], *step[len(step) - soft :]]
-    max_move = max(_MAX_MOVE * state.shape[0], 2 * state.observation.scale)
-    moved = np.abs(lengths).max() / max_move
-    bent = np.abs(step[n + 1 : len(step) - soft]).max(initial=0) / _MAX_BEND
+    n = len(state.path)
+    is_length = np.array(n * [True] + state.silhouette.is_length())
+    max_move = max(_MAX_MOVE * state.radius, 2 * state.observation.scale)
+    moved = np.abs(step[is_length]).max() / max_move
+    bent = np.abs(step[~is_length]).max(initial=0) / _MAX_BEND
     step = step / max(moved, bent, 1)
     shape = state.silhouette.possible(state.shape + step[n:], bounds)
     return state.moved(state.path + step[:n], shape)

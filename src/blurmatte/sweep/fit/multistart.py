@@ -24,14 +24,13 @@ from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
-from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
-from blurmatte.sweep.model.silhouette import DISC
+from blurmatte.sweep.model.path import FAMILIES, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.model.silhouette import DISC, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
 S = TypeVar("S")
 T = TypeVar("T")
 
-FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 
 # Settings of the search; lengths are in half widths of the streak unless they say pixels.
@@ -123,7 +122,7 @@ class Multistart:
         fits = one_paint._from_all_curves()
         varied = [with_varied_colors(fit) for fit in fits]
         start = best_of(varied)
-        varied += self._fits(start.curve, float(start.shape[0]), FAMILIES)
+        varied += self._fits(start.curve, start.radius, FAMILIES)
         return one_paint._best_refined(fits), self._best_refined(varied)
 
     @property
@@ -147,7 +146,7 @@ class Multistart:
         soft = self._with_blur(with_principal_axes(coarse.on(self.observation)))
         if _is_surely_blurred(soft):
             return soft
-        return best_of([self._refined(soft.of_kind(coarse.silhouette)), soft])
+        return best_of([self._refined(soft.of_kind(as_silhouette(coarse.silhouette))), soft])
 
     def near(self, family: PathFamily, curve: Array, radius: float) -> State:
         """The best fit that starts from a curve (33, 2) and a radius, or from a line there.
@@ -165,7 +164,7 @@ class Multistart:
 
     def again_from(self, state: State) -> State:
         """The best of the fits of all families that start from the curve of one, on small pixels."""
-        fits = self._fits(state.curve, float(state.shape[0]), FAMILIES)
+        fits = self._fits(state.curve, state.radius, FAMILIES)
         return self._best_refined(fits)[0]
 
     def with_observations(self, changed: Callable[[Observation], Observation]) -> "Multistart":
@@ -179,10 +178,9 @@ class Multistart:
 
     def _with_blur(self, state: State) -> State:
         """The fit of a disc with a blurred rim that starts there."""
-        soft = replace(state.silhouette, soft=True)
-        start = state.of_kind(soft)
+        start = state.of_kind(replace(as_silhouette(state.silhouette), soft=True))
         blur = max(start.shape[-1], _FIRST_BLUR_PX * state.observation.scale)
-        return minimize(start.with_parameter(-1, blur), self.bounds, MAX_STEPS)
+        return minimize(start.with_parameter("blur", blur), self.bounds, MAX_STEPS)
 
     def _from_all_curves(self) -> list[State]:
         """Fits on large pixels: all families on the first curve, the best one and lines on others."""
@@ -192,7 +190,7 @@ class Multistart:
             families = tuple(dict.fromkeys((best_of(fits).family, LINE)))
             fits += self._fits(curve, radius, families)
         best = best_of(fits)
-        return fits + self._fits(best.curve, float(best.shape[0]), FAMILIES)
+        return fits + self._fits(best.curve, best.radius, FAMILIES)
 
     def _best_refined(self, fits: Sequence[State]) -> list[State]:
         """The finalists on small pixels, the best first."""

@@ -20,7 +20,7 @@ from blurmatte.sweep.fit.ranking import (
 )
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
-from blurmatte.sweep.model.silhouette import Silhouette
+from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
 # Radius of a disc on large pixels, with a sharp and with a soft rim
@@ -42,7 +42,7 @@ _MAX_EXPLAINED_INFLATION = 1.3
 def fit_outline(disc: State) -> State:
     """The shape of the least Bayesian information criterion, from a fitted disc of one paint."""
     low, high = _RADIUS_BOUNDS
-    bounds = low * disc.shape[0], high * disc.shape[0]
+    bounds = low * disc.radius, high * disc.radius
     (start,) = _fitted([_on_large_pixels(disc)], bounds)
     shapes = [outlined(start), replace(outlined(start), order=2)]
     explained = _MAX_EXPLAINED_INFLATION
@@ -56,7 +56,9 @@ def fit_outline(disc: State) -> State:
     best = best_of([start, *found])
     if best is start:
         return disc
-    others = [best.of_kind(replace(best.silhouette, order=k)) for k in _COARSE_ORDERS]
+    others = [
+        best.of_kind(replace(as_silhouette(best.silhouette), order=k)) for k in _COARSE_ORDERS
+    ]
     others += [best.along(family) for family in (LINE, ARC, PARABOLA) if family is not best.family]
     best = best_of([start, best, *_fitted(others, bounds)])
     if best is start:
@@ -77,8 +79,8 @@ def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
 
 def _on_large_pixels(disc: State) -> State:
     soft, sharp = _SOFT_COARSE_RADIUS_PX, _COARSE_RADIUS_PX
-    radius = soft if disc.silhouette.soft else sharp
-    return disc.on(disc.observation.coarse_enough(float(disc.shape[0]), radius))
+    radius = soft if disc.silhouette.has("blur") else sharp
+    return disc.on(disc.observation.coarse_enough(disc.radius, radius))
 
 
 def _fitted(
@@ -99,9 +101,10 @@ def _could_pay(disc: State, most_general: State) -> bool:
 def _of_higher_order(state: State, bounds: tuple[float, float]) -> State:
     """The same with the order increased while the criterion falls: small pixels show more detail."""
     for order in _FINE_ORDERS:
-        if order <= state.silhouette.order:
+        silhouette = as_silhouette(state.silhouette)
+        if order <= silhouette.order:
             continue
-        richer = state.of_kind(replace(state.silhouette, order=order))
+        richer = state.of_kind(replace(silhouette, order=order))
         richer = minimize(richer, bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
         if best_of([state, richer]) is state:
             break
@@ -118,7 +121,7 @@ def straighter(disc: State, best: State) -> Iterable[State]:
 
 def stretched(disc: State, best: State) -> Iterable[State]:
     """Ellipses stretched along the disc's path, on lines shortened or extended by as much."""
-    silhouette, radius = outlined(disc), disc.shape[0]
+    silhouette, radius = outlined(disc), disc.radius
     ends = disc.along(LINE).curve[[0, -1]]
     direction = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
     angle = np.arctan2(direction[1], direction[0])
@@ -128,7 +131,9 @@ def stretched(disc: State, best: State) -> Iterable[State]:
             continue
         shape = silhouette.like(disc.silhouette, disc.shape)
         shape[0] = radius * np.sqrt(ratio)
-        shape[1:3] = 0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
+        shape[silhouette.at("stretch")] = (
+            0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
+        )
         longer = np.linspace(ends[0] - out, ends[1] + out, 33)
         yield state_at(disc.observation, LINE, LINE.starts(longer)[0], silhouette, shape)
 
@@ -138,12 +143,12 @@ def crosswise(disc: State, best: State) -> Iterable[State]:
     xy, _ = disc.family.at(disc.path, np.linspace(0, 1, 65))
     middle, spread = xy.mean(axis=0), np.cov(xy.T)
     variances, axes = np.linalg.eigh(spread)
-    width, silhouette = disc.shape[0], outlined(disc)
+    width, silhouette = disc.radius, outlined(disc)
     length = width + np.sqrt(3 * variances[1])
     angle, stretch = np.arctan2(axes[1, 1], axes[0, 1]), 0.5 * np.log(length / width)
     shape = silhouette.like(disc.silhouette, disc.shape)
     shape[0] = 0.85 * np.sqrt(length * width)
-    shape[1:3] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
+    shape[silhouette.at("stretch")] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
     for axis in axes.T:
         path = LINE.starts(middle + np.linspace(-0.4, 0.4, 33)[:, None] * width * axis)[0]
         yield state_at(disc.observation, LINE, path, silhouette, shape)
@@ -155,7 +160,7 @@ def turning(disc: State, best: State) -> Iterable[State]:
     for family in dict.fromkeys((best.family, LINE, ARC)):
         start = disc.along(family).of_kind(replace(outlined(disc), turns=True))
         for turn in (-1.0, 1.0):  # radians
-            yield start.with_parameter(2 * start.silhouette.order - 1, turn)
+            yield start.with_parameter("turn", turn)
 
 
 def changing(disc: State, best: State) -> Iterable[State]:
@@ -163,14 +168,14 @@ def changing(disc: State, best: State) -> Iterable[State]:
 
     The rates start at 0: fits from several rates converge to the same ones.
     """
-    yield best.of_kind(replace(best.silhouette, changes=True))
+    yield best.of_kind(replace(as_silhouette(best.silhouette), changes=True))
     for family in dict.fromkeys((best.family, LINE)):
         yield disc.along(family).of_kind(replace(outlined(disc), changes=True))
 
 
 def outlined(disc: State) -> Silhouette:
     """Outlines of the first order, with a rim as soft as that of a disc."""
-    return replace(disc.silhouette, order=_FIRST_ORDER)
+    return replace(as_silhouette(disc.silhouette), order=_FIRST_ORDER)
 
 
 def growing(disc: State) -> Iterable[State]:
@@ -178,8 +183,8 @@ def growing(disc: State) -> Iterable[State]:
 
     Growth replaces what a change of speed along the path may have approximated.
     """
-    silhouette = replace(disc.silhouette, changes=True)
+    silhouette = replace(as_silhouette(disc.silhouette), changes=True)
     for family in dict.fromkeys((disc.family, LINE, PARABOLA)):
         start = disc.along(family).of_kind(silhouette)
         for growth in _GROWTHS:
-            yield start.with_parameter(1, growth)
+            yield start.with_parameter("rates", growth)

@@ -12,6 +12,7 @@ import numpy as np
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.state import State
 
 # Limits of a sweep that is physically possible.
@@ -101,9 +102,9 @@ def self_overlaps(state: State) -> bool:
     kink = state.family.kink(state.path)
     if kink is not None:
         xy, _ = state.family.at(state.path, np.array([0, kink, 1]))
-        if np.linalg.norm(np.diff(xy, axis=0), axis=1).max() < state.shape[0]:
+        if np.linalg.norm(np.diff(xy, axis=0), axis=1).max() < state.radius:
             return True
-    return turned > _MAX_TURN_RAD and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned
+    return turned > _MAX_TURN_RAD and float(np.abs(steps).sum()) < 2 * state.radius * turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +116,12 @@ class Candidate:
     # Pixels by which the file blurred colors, a standard deviation; 0 if it did not
     chroma_blur: float = 0.0
     opacity_std: float = 0.0  # standard deviation of the silhouette's opacity
+
+    @property
+    def silhouette(self) -> FlatShape:
+        """Kind of the shape: candidates are flat."""
+        assert isinstance(self.state.silhouette, FlatShape)
+        return self.state.silhouette
 
     @property
     def parameters(self) -> int:

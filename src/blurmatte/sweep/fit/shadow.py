@@ -43,7 +43,7 @@ _CAUCHY_SCALE = 2.5  # of the loss, standard deviations
 def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow] | None:
     """A disc with its own shadow, if that is possible and likelier than the disc alone."""
     plain, bounds = disc.observation, search.bounds
-    coarse = plain.coarse_enough(float(disc.shape[0]), _COARSE_RADIUS_PX)
+    coarse = plain.coarse_enough(disc.radius, _COARSE_RADIUS_PX)
     on_coarse = disc.on(coarse)
     straight, prior = on_coarse.along(LINE), plain.prior
     is_known = prior is not None and prior.path is not None  # else a shadow may have bent it
@@ -73,7 +73,7 @@ def may_be_shaded(disc: State, outline: State) -> bool:
     It holds only where the outline leaves no residuals: a shadow that the outline could not follow may
     have moved the disc too far for one step.
     """
-    plain = disc.observation.coarse_enough(float(disc.shape[0]), _COARSE_RADIUS_PX)
+    plain = disc.observation.coarse_enough(disc.radius, _COARSE_RADIUS_PX)
     alone, other = disc.on(plain), outline.on(plain)
     cast = fit_cast(plain, alone)
     shaded = with_principal_axes(alone.relit(in_shadow(plain, alone, cast)))
@@ -86,7 +86,7 @@ def may_be_shaded(disc: State, outline: State) -> bool:
 
 def _in_one_half(both: State) -> tuple[State, CastShadow]:
     """The likeliest disc and shadow of which a straight sweep of the middle between both was fitted."""
-    plain, radius = both.observation, float(both.shape[0])
+    plain, radius = both.observation, both.radius
     softness = np.log(_FIRST_SOFTNESS)
     found = []
     for offset in _first_offsets():
@@ -129,7 +129,7 @@ def _alternated(
 
 def in_shadow(observation: Observation, state: State, cast: CastShadow) -> Observation:
     """An observation with the plate in the shadow that a disc casts."""
-    S = cast.missing(state.family, state.path, float(state.shape[0]), observation.pixels)
+    S = cast.missing(state.family, state.path, state.radius, observation.pixels)
     return replace(observation, B=cast.on(observation.B, S, state.swept.alpha))
 
 
@@ -138,7 +138,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
 
     The observation has the plate without a shadow.
     """
-    radius = float(disc.shape[0])
+    radius = disc.radius
     solved = _strengths(observation.coarse_enough(radius, _COARSE_RADIUS_PX), disc)
     first = None
     if start is not None:
@@ -154,7 +154,7 @@ def _strengths(
     Where the object was, residuals along its mean color are ignored, for shading causes them.
     """
     color = disc.mean_color
-    radius, disc = float(disc.shape[0]), disc.on(observation)
+    radius, disc = disc.radius, disc.on(observation)
     alpha = disc.swept.alpha
     std = np.sqrt(observation.C_variance + observation.B_variance)
     over_noise = np.sqrt(observation.weight)[..., None] / std

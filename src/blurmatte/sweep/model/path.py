@@ -134,6 +134,8 @@ class PathFamily(ABC):
 
     name: ClassVar[str]
     in_words: ClassVar[str]  # with its article
+    motion_in_words: ClassVar[str]  # the same with the speed
+    at_constant_speed: ClassVar[bool] = False
     size: ClassVar[int]  # number of parameters
 
     @abstractmethod
@@ -183,6 +185,20 @@ class Polynomial(PathFamily):
         return ("a straight line", "a parabola", "a cubic curve")[self.degree - 1]
 
     @property
+    def motion_in_words(self) -> str:  # type: ignore[override]
+        """Its speed follows from its degree."""
+        return (
+            "a straight line at constant speed",
+            "a curve of constant acceleration",
+            "a curve of changing acceleration",
+        )[self.degree - 1]
+
+    @property
+    def at_constant_speed(self) -> bool:  # type: ignore[override]
+        """Whether it is a line."""
+        return self.degree == 1
+
+    @property
     def size(self) -> int:  # type: ignore[override]
         """Number of parameters."""
         return 2 * (self.degree + 1)
@@ -212,6 +228,8 @@ class Arc(PathFamily):
 
     name = "arc"
     in_words = "an arc"
+    motion_in_words = "an arc at constant speed"
+    at_constant_speed = True
     size = 5
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
@@ -258,6 +276,7 @@ class Bounce(Kinked):
 
     name = "bounce"
     in_words = "a path that bounces"
+    motion_in_words = "two straight pieces"
     size = 7
     _pieces = staticmethod(_bounce)
 
@@ -279,6 +298,7 @@ class FromRest(Kinked):
 
     name = "from rest"
     in_words = "a path from rest"
+    motion_in_words = "a straight line, at rest for a while"
     size = 5
     earliest = 0.0
     _pieces = staticmethod(_from_rest)
@@ -290,11 +310,13 @@ class FromRest(Kinked):
 
 LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)
 ARC, BOUNCE, FROM_REST = Arc(), Bounce(), FromRest()
+# In the order in which they are fitted
+FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 
 
 def path_family(name: str) -> PathFamily:
     """The family of this name; raises ValueError if there is none."""
-    families = {f.name: f for f in (LINE, PARABOLA, CUBIC, ARC, BOUNCE, FROM_REST)}
+    families = {family.name: family for family in FAMILIES}
     if name not in families:
         raise ValueError(f"a path is one of {', '.join(families)}, got {name!r}")
     return families[name]

@@ -6,21 +6,28 @@ defines ρ by the parameters.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
+from typing import Annotated
 
 import numpy as np
 import scipy
+from annotated_types import Interval
 
 from blurmatte.checks import Array
 from blurmatte.sweep.model import rim_kernel
 from blurmatte.sweep.model.linear_maps import changed, exponential, most_shrinking, turned
-from blurmatte.sweep.model.path import LINE, PathFamily, pieces_of
+from blurmatte.sweep.model.path import PathFamily, pieces_of
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
 
 OPAQUE = 0.999  # alpha from which the plate is invisible
 
 
+_Stretch = Annotated[float, Interval(ge=-1, le=1)]
+
 # Bounds of the parameters of a silhouette.
+MAX_ORDER = 64  # of the Fourier series of an outline, in files
+_CENTER_POINTS = 720  # of the polygon whose centroid is that of an outline
 _MAX_LOG_STRETCH = 2.0  # half the log of length over width: 55 times as long as wide
 # Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points
 # has half of it
@@ -44,22 +51,8 @@ class TimeSampling:
     max_per_part: int = 200  # moments in a part
 
 
-@dataclass(frozen=True, eq=False)
-class SweptAlpha:
-    """Alpha, and its derivatives by the parameters of the path and then those of the shape.
-
-    Parameters
-    ----------
-    alpha : (h, w) float
-    by_parameters : (h, w, n + m) float
-    """
-
-    alpha: Array
-    by_parameters: Array
-
-
 @dataclass(frozen=True)
-class Silhouette:
+class Silhouette(FlatShape):
     """Discs, ellipses, or outlines of higher order; each kind contains the simpler ones.
 
     The parameters are the radius in pixels, two numbers of the stretch of an ellipse, two more for
@@ -75,29 +68,26 @@ class Silhouette:
     of the shape's own stretch S: the image is r exp(S + S₀), S₀ = [[a, b], [b, −a]] with a and b of
     `camera_stretch`.
 
-    Its opacity is the fraction of the light behind it that it hides where it covers a pixel during all
-    of the exposure. An opaque object at rest that was there for a part of the exposure has this part as
-    its opacity.
-
-    Raises ValueError if `order` is less than 1, if a disc turns, which is not observable, or if the
-    opacity is not above 0 and at most 1.
+    Raises ValueError if `order` is less than 1, or if a disc turns, which is not observable.
     """
 
-    order: int = 1  # of the Fourier series of the outline: 1 is a disc, 2 an ellipse
+    kind = "silhouette"
+
+    order: Annotated[int, Interval(ge=1, le=MAX_ORDER)] = (
+        1  # of the Fourier series of the outline: 1 is a disc, 2 an ellipse
+    )
     turns: bool = False  # it rotates at constant rate in the plane of the picture
     soft: bool = False  # its rim is blurred: by the lens, or by the file
     # Its size, and unless it is a disc its proportions, change at constant rates
     changes: bool = False
-    camera_stretch: tuple[float, float] = (0.0, 0.0)  # logarithms, as an ellipse's
-    opacity: float = 1.0  # above 0, at most 1
+    camera_stretch: tuple[_Stretch, _Stretch] = (0.0, 0.0)  # logarithms, as an ellipse's
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.order < 1:
             raise ValueError(f"order must be 1 or more, got {self.order}")
         if self.turns and self.order < 2:
             raise ValueError("a silhouette that turns must be of order 2 or more, got a disc")
-        if not 0 < self.opacity <= 1:
-            raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
 
     @property
     def name(self) -> str:
@@ -113,46 +103,33 @@ class Silhouette:
         """Whether it is a disc, which may grow."""
         return self.order == 1
 
-    @property
-    def size(self) -> int:
-        """Number of parameters."""
-        return 2 * self.order - 1 + self.turns + self._changing + self.soft
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """(m,) names of the parameters."""
+        first = ("radius", *2 * ("stretch",) * (self.order > 1))
+        outline = 2 * max(self.order - 2, 0) * ("outline",)
+        rates = self.changes * (1 if self.order == 1 else 3) * ("rates",)
+        return *first, *outline, *self.turns * ("turn",), *rates, *self.soft * ("blur",)
 
     @property
-    def _changing(self) -> int:
-        """Number of rates of change."""
-        return self.changes * (1 if self.order == 1 else 3)
+    def still(self) -> "Silhouette":
+        """The same at one moment, opaque."""
+        return replace(self, turns=False, changes=False, opacity=1.0)
 
-    def start(self, half_width: float) -> Array:
+    @property
+    def sharp(self) -> "Silhouette":
+        """The same with a sharp rim."""
+        return replace(self, soft=False)
+
+    def start(self, radius: float) -> Array:
         """Parameters (m,) of a disc of this radius."""
-        return np.array([half_width, *np.zeros(self.size - 1)])
-
-    def like(self, other: "Silhouette", shape: Array) -> Array:
-        """Parameters (m,) of the shape of another silhouette; those that this one lacks are dropped."""
-        mine = self.start(shape[0])
-        known = min(2 * self.order - 1, 2 * other.order - 1)
-        mine[1:known] = shape[1:known]
-        if self.turns:
-            mine[self._turn] = other.turn(shape)
-        if self.changes:
-            mine[self._rates] = other.rates(shape)[: self._changing]
-        if self.soft:
-            mine[-1] = other.softness(shape)
-        return mine
-
-    def units(self, pixel: float) -> Array:
-        """(m,) factors of the parameters if the unit of length is `pixel` times as large."""
-        factors = np.ones(self.size)
-        factors[0] = pixel
-        if self.soft:
-            factors[-1] = pixel
-        return factors
+        return np.array([radius, *np.zeros(self.size - 1)])
 
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
         """The shape clipped to radius bounds (pixels) and to the bounds above."""
         near = shape.copy()
         near[0], rate = np.clip(shape[0], *bounds), _MAX_LOG_RATE
-        near[self._rates] = np.clip(shape[self._rates], -rate, rate)
+        near[self.at("rates")] = np.clip(shape[self.at("rates")], -rate, rate)
         if self.soft:
             lens = _MAX_LENS_BLUR * near[0]
             largest = max(MAX_FILE_BLUR_PX, lens)
@@ -163,15 +140,12 @@ class Silhouette:
         """True if it gets too long or its rim is too jagged for the bounds above."""
         if self.order == 1:
             return False
-        long = np.linalg.norm(shape[1:3]) + np.linalg.norm(self.rates(shape)[1:]) / 2
+        long = np.linalg.norm(shape[self.at("stretch")]) + np.linalg.norm(self.rates(shape)[1:]) / 2
         jagged = np.linalg.norm(self._coefficients(shape))
         return bool(long > _MAX_LOG_STRETCH or jagged > _MAX_COEFFICIENTS)
 
-    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
-        """Alpha of a shape that moves along a path, which may leave the pixels.
-
-        The parameters of path (n,) and shape (m,) are in pixels of the picture.
-        """
+    def opaque(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
+        """Alpha and its derivatives, compiled."""
         from blurmatte.sweep.model import silhouette_kernel as kernel  # SciPy is slow to import
 
         scale, soft = pixels.scale, self.softness(shape) / pixels.scale
@@ -191,8 +165,6 @@ class Silhouette:
             kernel.sweep(motion, *maps, self.changes, rim, outline, soft, alpha, J)
         if self.soft:
             J[..., -1] /= scale
-        if self.opacity < 1:
-            alpha, J = self.opacity * alpha, self.opacity * J
         return SweptAlpha(alpha, J)
 
     def rim(self, shape: Array, scale: float = 1.0) -> tuple[Array, float, float, float, Array]:
@@ -210,11 +182,6 @@ class Silhouette:
         rate = abs(self.turn(shape)) + 2 * most_shrinking(self.rates(shape))
         return float(rate * self.reach(shape))
 
-    def coverage(self, shape: Array, pixels: Pixels) -> Array:
-        """(h, w) coverage in the middle of the exposure, with the center at (0, 0)."""
-        still = replace(self, turns=False, changes=False, opacity=1.0)
-        return still.sweep(LINE, np.zeros(4), still.like(self, shape), pixels).alpha
-
     def map_at(self, shape: Array, t: Array) -> Array:
         """(T, 2, 2) linear maps from the shape in the middle of the exposure to that at fractions t."""
         return self._maps(shape, t)[0]
@@ -225,7 +192,7 @@ class Silhouette:
         maps, by = np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2, 2, 0))
         if self.changes:
             maps, by = changed(self.rates(shape), late)
-            by = by[..., : self._changing]
+            by = by[..., : self.names.count("rates")]
         if self.turns:
             maps, by = turned(self.turn(shape), late, maps, by)
         return np.ascontiguousarray(maps), np.ascontiguousarray(by)
@@ -234,69 +201,26 @@ class Silhouette:
         """Area in the middle of the exposure, pixels²."""
         return float(np.pi * shape[0] ** 2 * np.mean(self._star(shape, count=360) ** 2))
 
-    def radius(self, shape: Array) -> float:
-        """Radius of the disc of the same area in the middle of the exposure, pixels."""
-        return float(np.sqrt(self.area(shape) / np.pi))
-
-    def radius_slope(self, shape: Array) -> Array:
-        """(m,) derivatives of the radius by the parameters."""
-        step = 1e-5 * shape[0] * np.eye(len(shape))
-        radius = self.radius
-        return np.array([(radius(shape + d) - radius(shape - d)) / (2 * d.sum()) for d in step])
-
-    def reach(self, shape: Array) -> float:
-        """Largest distance of the rim from the center at any moment, pixels.
-
-        Under exp(τ G) with a symmetric G a distance is a convex function of τ, largest at an end.
-        """
-        rim = self.outline(shape, count=360)
-        if self.changes:
-            rim = np.concatenate(rim @ self.map_at(shape, np.array([0.0, 1.0])).transpose(0, 2, 1))
-        return float(np.linalg.norm(rim, axis=1).max())
-
     def left_out(self, shape: Array) -> float:
         """Error of the rim from truncating its Fourier series, pixels: the size of the last order."""
         if self.order < 3:
             return 0.0
         return float(shape[0] * np.linalg.norm(self._coefficients(shape)[-2:]))
 
+    def center(self, shape: Array) -> Array:
+        """(2,) centroid; that of an outline of order 3 or more is off the path."""
+        if self.order < 3:
+            return np.zeros(2)
+        x, y = self.outline(shape, _CENTER_POINTS).T
+        cross = x * np.roll(y, -1) - np.roll(x, -1) * y
+        middle = [((p + np.roll(p, -1)) * cross).sum() / (3 * cross.sum()) for p in (x, y)]
+        return np.array(middle)
+
     def outline(self, shape: Array, count: int) -> Array:
         """Points (count, 2) around the rim in the middle of the exposure, from the center, pixels."""
         phi, A = _angles(count), self._stretch(shape)[0]
         circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
         return np.asarray(self._star(shape, count)[:, None] * circle @ A.T)
-
-    def turn(self, shape: Array) -> float:
-        """Rotation during the exposure, radians from +x towards +y."""
-        return float(shape[self._turn]) if self.turns else 0.0
-
-    def turn_slope(self) -> Array:
-        """(m,) derivatives of the turn by the parameters."""
-        slope = np.zeros(self.size)
-        if self.turns:
-            slope[self._turn] = 1.0
-        return slope
-
-    def rates(self, shape: Array) -> Array:
-        """(3,) rates (g, a, b) of change during the exposure, logarithms; 0 if it does not change."""
-        rates = np.zeros(3)
-        rates[: self._changing] = shape[self._rates]
-        return rates
-
-    @property
-    def _turn(self) -> int:
-        """Position of the turn among the parameters, if it turns."""
-        return 2 * self.order - 1
-
-    @property
-    def _rates(self) -> slice:
-        """Positions of the rates among the parameters."""
-        first = self._turn + self.turns
-        return slice(first, first + self._changing)
-
-    def softness(self, shape: Array) -> float:
-        """Standard deviation of the rim's blur, pixels; 0 if it is sharp."""
-        return float(shape[-1]) if self.soft else 0.0
 
     def mapped(self, shape: Array, by: Array) -> Array:
         """Parameters (m,) of the image of a shape under a linear map (2, 2) of positive determinant.
@@ -331,7 +255,7 @@ class Silhouette:
 
     def _coefficients(self, shape: Array) -> Array:
         """(k,) Fourier coefficients of order 3 and more."""
-        return shape[3 : 2 * self.order - 1]
+        return shape[self.at("outline")]
 
     def _star(self, shape: Array, count: int) -> Array:
         """(count,) distances of the rim before the stretch, at even angles, of mean about 1."""
@@ -343,6 +267,12 @@ class Silhouette:
 
 
 DISC, ELLIPSE = Silhouette(1), Silhouette(2)
+
+
+def as_silhouette(shape: Shape) -> Silhouette:
+    """A shape in a search for silhouettes, which starts from a disc."""
+    assert isinstance(shape, Silhouette)
+    return shape
 
 
 def moments(

@@ -9,7 +9,7 @@ from blurmatte.checks import Array
 from blurmatte.sweep.model.color_field import ColorField, fit_field
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
-from blurmatte.sweep.model.silhouette import Silhouette, SweptAlpha
+from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
 from blurmatte.sweep.model.student_t import loss, student_weight
 
 
@@ -20,7 +20,7 @@ class State:
     observation: Observation
     family: PathFamily
     path: Array  # (n,) float
-    silhouette: Silhouette  # kind of the shape
+    silhouette: Shape  # kind of the shape
     shape: Array  # (m,) float
     swept: SweptAlpha  # alpha and its derivatives
     field: ColorField  # the colors
@@ -32,6 +32,11 @@ class State:
     def size(self) -> int:
         """Number of parameters of path and shape."""
         return len(self.path) + len(self.shape)
+
+    @property
+    def radius(self) -> float:
+        """The first parameter of the shape, pixels: its size."""
+        return float(self.shape[0])
 
     @property
     def curve(self) -> Array:
@@ -75,13 +80,13 @@ class State:
         """Another path and shape of the same kinds."""
         return state_at(self.observation, self.family, path, self.silhouette, shape)
 
-    def with_parameter(self, index: int, value: float) -> "State":
-        """Another value of one parameter of the shape."""
+    def with_parameter(self, name: str, value: float) -> "State":
+        """Another value of the parameter of the shape that has this name, or of the first of them."""
         shape = self.shape.copy()
-        shape[index] = value
+        shape[self.silhouette.at(name).start] = value
         return self.moved(self.path, shape)
 
-    def of_kind(self, silhouette: Silhouette) -> "State":
+    def of_kind(self, silhouette: FlatShape) -> "State":
         """The same shape as another kind of silhouette, which may lack some of its parameters."""
         shape = silhouette.like(self.silhouette, self.shape)
         return state_at(self.observation, self.family, self.path, silhouette, shape)
@@ -105,7 +110,7 @@ def state_at(
     observation: Observation,
     family: PathFamily,
     path: Array,
-    silhouette: Silhouette,
+    silhouette: Shape,
     shape: Array,
 ) -> State:
     """The state of a path and a shape: alpha, colors, residuals and cost."""
