@@ -110,7 +110,11 @@ def _support(streak: Bools, chi: Array) -> Bools:
 
 
 def _solved(problem: _Problem, data: Array) -> Array:
-    """H (H, W) of the projected gradient steps for one alpha."""
+    """H (H, W) of the projected gradient steps for one alpha [Beck & Teboulle 2009].
+
+    They end where the residuals have the size of the noise, before they fit it. SciPy has no least
+    squares of non-negative unknowns with a given sum.
+    """
     count = int((problem.weight > 0).sum())
     # The largest eigenvalue of the curvature is at most max weight times (Σ χ)².
     step = 1 / (problem.weight.max() * problem.chi.sum() ** 2)
