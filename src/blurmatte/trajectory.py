@@ -4,8 +4,8 @@ Points are (x, y) in pixels, x right, y down, pixel centers at whole numbers. Ti
 the exposure: 0 when the shutter opens, 1 when it closes.
 
 A trajectory is any polyline: the truth of the renderer, and the path of a finished sweep. Families of
-paths that are fitted (`sweep.model.path`) have parameters and derivatives, and share no code with it, so
-that rendered scenes test them.
+paths that are fitted (`sweep.model.path`) have parameters and derivatives, and share no code with it:
+rendered scenes test them.
 """
 
 from __future__ import annotations
