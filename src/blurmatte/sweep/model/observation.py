@@ -14,7 +14,7 @@ from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
-from blurmatte.sweep.model.pixels import PixelBox, light_of, means
+from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
 
 
 @dataclass(frozen=True)
