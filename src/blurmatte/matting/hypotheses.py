@@ -6,7 +6,7 @@ from itertools import compress
 
 import numpy as np
 
-from blurmatte.checks import Array, Box
+from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative, alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
@@ -19,7 +19,7 @@ from blurmatte.matting.calibration import (
     graded,
     reasons,
 )
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.mixtures import Mixtures

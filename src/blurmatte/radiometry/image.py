@@ -18,6 +18,7 @@ from blurmatte.checks import (
     check_kind,
     check_light,
     check_map,
+    rows_columns,
 )
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
@@ -217,8 +218,7 @@ class LinearImage(Displayed):
             If the box is empty or begins outside the picture.
         """
         check_box(box, self.size)
-        x0, y0, x1, y1 = box
-        place = slice(y0, y1), slice(x0, x1)
+        place, (x0, y0) = rows_columns(box), box[:2]
         noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
         meta = self.meta
         if meta.compression is not None:

@@ -7,7 +7,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, rows_columns
 from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer
 from blurmatte.statistics import block_squares
 from blurmatte.streaks.streak import Streak, dilated
@@ -149,7 +149,7 @@ def observation_around(
     """A streak and a margin around it, pixels, of two pictures whose noise is known."""
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
-    mask = streak.mask[box[1] : box[3], box[0] : box[2]]
+    mask = streak.mask[rows_columns(box)]
     C, B, _, _, valid = light = light_of(image, plate)
     near = (scipy.ndimage.distance_transform_edt(~mask) <= margin) | ~valid
     return Observation(
