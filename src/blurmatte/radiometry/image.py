@@ -244,6 +244,12 @@ class LinearImage(Displayed):
         return LinearImage(rgb, valid=self.valid, meta=meta)
 
 
+def part_of(picture: LinearImage, place: slice | tuple[slice, slice]) -> LinearImage:
+    """Some rows, or rows and columns, of a picture; views."""
+    noise = picture.noise[place] if isinstance(picture.noise, np.ndarray) else picture.noise
+    return LinearImage(picture.rgb[place], noise, picture.valid[place], picture.meta)
+
+
 def check_picture(name: str, picture: object) -> None:
     """Raise TypeError unless it is a LinearImage."""
     hint = "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
