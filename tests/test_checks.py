@@ -1,7 +1,8 @@
-"""Each check names the argument, the rule and the value."""
+"""Each check names the argument, the rule and the value; boxes of pixels."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 import blurmatte as bm
 from blurmatte.checks import (
@@ -12,6 +13,8 @@ from blurmatte.checks import (
     check_map,
     check_points,
     check_same_size,
+    enclosing,
+    rows_columns,
 )
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory
@@ -175,3 +178,13 @@ def test_solve_takes_big_endian_and_read_only_arrays():
         x.flags.writeable = False
     again = bm.solve(*map(bm.LinearImage, noisy), model, bm.Pixelwise())
     assert np.array_equal(native.alpha, again.alpha, equal_nan=True)
+
+
+def test_a_box_is_a_part_of_arrays_and_boxes_have_an_enclosing_one():
+    picture = np.arange(48).reshape(6, 8)
+    box, whole = (2, 1, 5, 4), (1, 1, 7, 6)
+    assert_array_equal(picture[rows_columns(box)], picture[1:4, 2:5])
+    part = picture[rows_columns(whole)]
+    assert_array_equal(part[rows_columns(box, whole)], picture[rows_columns(box)])
+    assert enclosing([box, (0, 3, 3, 6), (4, 2, 8, 3)]) == (0, 1, 8, 6)
+    assert enclosing([box]) == box

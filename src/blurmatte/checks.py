@@ -1,10 +1,10 @@
-"""Checks of arguments: kinds, shapes, sizes, finite values.
+"""Checks of arguments: kinds, shapes, sizes, finite values; types of arrays, and boxes of pixels.
 
 Called by constructors and public functions only; internal functions do not check their input.
 Sizes are (width, height); shapes are NumPy's (height, width, ...).
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from types import NoneType, UnionType
 from typing import Any, Literal, get_args
 
@@ -31,6 +31,18 @@ DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
 }
 MAX_PX = 1e6  # of places and lengths that are read
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
+
+
+def rows_columns(box: Sequence[int], whole: Sequence[int] = (0, 0)) -> tuple[slice, slice]:
+    """A box as slices of an array, which begins at (x, y, ...) of the picture."""
+    (x, y), (x0, y0, x1, y1) = whole[:2], box
+    return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
+
+
+def enclosing(boxes: Iterable[Box]) -> Box:
+    """The smallest box around one or more boxes."""
+    x0, y0, x1, y1 = zip(*boxes, strict=True)
+    return int(min(x0)), int(min(y0)), int(max(x1)), int(max(y1))
 
 
 def as_array(name: str, value: object) -> Any:

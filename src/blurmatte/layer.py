@@ -23,6 +23,8 @@ from blurmatte.checks import (
     check_light,
     check_map,
     check_same_size,
+    enclosing,
+    rows_columns,
 )
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
@@ -101,8 +103,7 @@ class Layer(Displayed):
         ValueError
             If the layer is empty.
         """
-        x0, y0, x1, y1 = self.box
-        place = np.s_[y0:y1, x0:x1]
+        place = rows_columns(self.box)
         light = self.premultiplied[place].sum(axis=(0, 1), dtype=float)
         return np.asarray(light / max(self.alpha[place].sum(dtype=float), 1e-12))
 
@@ -130,8 +131,7 @@ class Layer(Displayed):
         straight = np.zeros(self.premultiplied.shape, self.premultiplied.dtype)
         if self._box is None:
             return straight
-        x0, y0, x1, y1 = self._box
-        place = np.s_[y0:y1, x0:x1]
+        place = rows_columns(self._box)
         alpha = self.alpha[place][..., None]
         np.divide(self.premultiplied[place], alpha, out=straight[place], where=alpha > 0)
         return straight
@@ -189,9 +189,9 @@ class Layer(Displayed):
             If a number is negative or not finite, or the layer is empty.
         """
         _check_factor("brightness", brightness)
-        x0, y0, x1, y1 = self.box
-        brightest = self.straight()[y0:y1, x0:x1].max(axis=-1).ravel()
-        weight = self.alpha[y0:y1, x0:x1].ravel().astype(float)
+        place = rows_columns(self.box)
+        brightest = self.straight()[place].max(axis=-1).ravel()
+        weight = self.alpha[place].ravel().astype(float)
         order = np.argsort(brightest, kind="stable")
         share = np.cumsum(weight[order])
         top = brightest[order[np.searchsorted(share, 0.99 * share[-1])]]
@@ -238,8 +238,7 @@ class Layer(Displayed):
             If the box is empty or begins outside the layer.
         """
         check_box(box, self.size)
-        x0, y0, x1, y1 = box
-        place = np.s_[y0:y1, x0:x1]
+        place = rows_columns(box)
         return Layer(self.alpha[place], self.premultiplied[place])
 
     def place(
@@ -328,11 +327,8 @@ def empty_layer(size: tuple[int, int]) -> Layer:
 
 def box_around(*layers: Layer) -> Box | None:
     """The bounding box of several layers; None if all are empty."""
-    boxes = np.array([layer.box for layer in layers if not layer.empty])
-    if not len(boxes):
-        return None
-    (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-    return int(x0), int(y0), int(x1), int(y1)
+    boxes = [layer.box for layer in layers if not layer.empty]
+    return enclosing(boxes) if boxes else None
 
 
 def colors_of(colors: Iterable[Color]) -> Array:

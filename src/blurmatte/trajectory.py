@@ -2,6 +2,10 @@
 
 Points are (x, y) in pixels, x right, y down, pixel centers at whole numbers. Times are fractions of
 the exposure: 0 when the shutter opens, 1 when it closes.
+
+A trajectory is any polyline: the truth of the renderer, and the path of a finished sweep. Families of
+paths that are fitted (`sweep.model.path`) have parameters and derivatives, and share no code with it:
+rendered scenes test them.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
     """Fit what is free in a model (indices of GEOMETRIES and LIGHTS), by reweighted least squares.
 
     After convergence, outliers get no weight and the fit continues: a large object otherwise biases the
-    light.
+    light. Every step estimates the scale of the residuals, so that there is no one cost to descend.
     """
     free, rows = list(GEOMETRIES[model[0]]), level.free_rows(model[1])
     h, light, identity = start.h.copy(), start.light.copy(), level.identity.light[rows]

@@ -2,6 +2,10 @@
 
 Phase correlation (Kuglin & Hines 1975) finds the integer shift of a tile, three robust steps of Lucas &
 Kanade (1981) the fraction. The median over the tiles that determine a shift tolerates moving objects.
+
+The shift of a plate is part of its match (`alignment`), in one likelihood with the light.
+`calibration.noise_samples` asks which share of noise a shift far below a pixel explains: one linear
+step is enough.
 """
 
 from collections.abc import Callable, Sequence

@@ -36,6 +36,7 @@ from blurmatte.background.warp import IDENTITY_LIGHT
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
+from blurmatte.radiometry.image import part_of
 from blurmatte.statistics import robust_std
 
 
@@ -298,7 +299,7 @@ def agreement(image: LinearImage, plate: LinearImage) -> tuple[float, float]:
     the tenth of the pixels with the largest gradient. The pictures have one size and known noise.
     """
     rows = slice(None, None, max(1, round(image.valid.size / 2.5e5)))  # enough pixels
-    image, plate = (_rows_of(picture, rows) for picture in (image, plate))
+    image, plate = (part_of(picture, rows) for picture in (image, plate))
     d = np.asarray(image.rgb - plate.rgb, float)
     variance = image.variance + plate.variance
     use = image.valid & plate.valid
@@ -308,13 +309,6 @@ def agreement(image: LinearImage, plate: LinearImage) -> tuple[float, float]:
     energy = sum(np.sum(np.gradient(plate.rgb, axis=axis) ** 2, axis=-1) for axis in (0, 1))
     edges = use & (energy >= np.quantile(energy[use], 0.9))
     return _trimmed_std(z[use]), _trimmed_std(z[edges])
-
-
-def _rows_of(picture: LinearImage, rows: slice) -> LinearImage:
-    """Some rows of a picture, without copies of the others."""
-    noise = picture.noise
-    noise = noise[rows] if isinstance(noise, np.ndarray) else noise
-    return LinearImage(picture.rgb[rows], noise, picture.valid[rows], picture.meta)
 
 
 def _trimmed_std(z: Array) -> float:

@@ -282,6 +282,10 @@ def _start(places: Places, bracket: Bracket) -> _ResponseParameters:
 
 
 def _fit(places: Places, bracket: Bracket, start: _ResponseState | None = None) -> _ResponseState:
+    """The likeliest curve.
+
+    Inliers are selected again after each step, so that there is no one cost to descend.
+    """
     state = start.state if start else _start(places, bracket)
     margin = _MARGIN_STD * (start.noise if start else max(bracket.rounding, places.scatter))
     for _ in range(_MAX_ITERATIONS):

@@ -11,7 +11,7 @@ The residual from this is light of an object, or the plate does not match.
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, rows_columns
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.statistics import block_sums, window_sums
@@ -60,7 +60,7 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
     or below the noise. False where nothing changed. The noise must be known.
     """
     box = streak.around(_MARGIN_PX)
-    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+    inside = streak.mask[rows_columns(box)]
     image, plate = image.crop(box), plate.crop(box)
     use = image.valid & plate.valid
     variance = smooth_variance(image) + smooth_variance(plate)

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, Floats, check_same_size
+from blurmatte.checks import Array, Floats, check_same_size, rows_columns
 from blurmatte.color.evidence import (
     SLACK,
     EvidenceKinds,
@@ -142,7 +142,7 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> St
     """A regular selection of the streak's usable pixels, ordered by block."""
     box = streak.around(_BLOCK)
     image, plate = image.crop(box), plate.crop(box)
-    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+    inside = streak.mask[rows_columns(box)]
     usable = image.valid & plate.valid
     used = inside & usable
     # Noise truncated at black has a positive mean, which looks like color. By the image's noise for
@@ -182,7 +182,7 @@ def _compression_covariance(
     """(3, 3) covariance from compression of the image; see `recompressed`."""
     box = streak.around(_RECOMPRESSION_MARGIN_PX)
     image, plate = image.crop(box), plate.crop(box)
-    streak = replace(streak, mask=streak.mask[box[1] : box[3], box[0] : box[2]])
+    streak = replace(streak, mask=streak.mask[rows_columns(box)])
     count = _RECOMPRESSIONS
     images, behind = recompressed(l, image, plate, streak, count)
     found = [posterior(evidence, _streak_pixels(again, behind, streak))[0] for again in images]

@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from blurmatte.background import Match
-from blurmatte.checks import Bools, check_map, check_same_size
+from blurmatte.checks import Bools, check_map, check_same_size, rows_columns
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.radiometry import LinearImage, check_picture
 
@@ -58,8 +58,7 @@ def retouch(
     rgb, changed = image.rgb.copy(), np.zeros(image.valid.shape, bool)
     box = box_around(layer, edited)
     if box is not None:
-        x0, y0, x1, y1 = box
-        place = np.s_[y0:y1, x0:x1]
+        place = rows_columns(box)
         light = edited.premultiplied[place] - layer.premultiplied[place]
         uncovered = layer.alpha[place] - edited.alpha[place]
         changed[place] = (uncovered != 0) | light.any(axis=-1)

@@ -47,6 +47,7 @@ from blurmatte.deblurring.refine import Explained
 from blurmatte.deblurring.sparse_prior import Bound, traces
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
+from blurmatte.sweep.model.chroma_subsampling import codes_before
 
 _SAMPLES = 4
 _ROUNDS = 3, 2  # of the strengths, of the prior of edges
@@ -234,16 +235,15 @@ def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float
 
 def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Data:
     z, shape, (A, alpha) = stored.coefficients, (*view.pixels.shape, 3), blur
-    transposed = A.T
-    through, own = (1 - alpha)[:, None], A @ color
+    transposed, own, part = A.T, A @ color, alpha.reshape(shape[:2])
+    before, predicted = codes_before(
+        stored.codes, view.B, part, own.reshape(shape), z.seen, stored.transfer
+    )
+    r = z.stored(np.where(view.valid[..., None], 255 * (before - predicted), 0))
     light = own + view.through(alpha)
-    predicted = stored.codes_of(light).reshape(shape)
-    with_plate = stored.codes_of(own + through * stored.plate_seen).reshape(shape)
-    residual = stored.codes + with_plate - predicted - z.seen(predicted)
-    r = z.stored(np.where(view.valid[..., None], residual, 0))
     slope = 255 / stored.transfer.slope(np.maximum(light, MODEL_STD))  # codes per light
     variance = z.variances((slope**2 * view.variance(alpha)).reshape(shape))
-    streak = np.repeat((alpha > 0).reshape(*shape[:2], 1), 3, axis=-1).astype(float)
+    streak = np.repeat((part > 0)[..., None], 3, axis=-1).astype(float)
     return _Data(
         r,
         [1 / (q + v) for q, v in zip(z.step_variances, variance, strict=True)],

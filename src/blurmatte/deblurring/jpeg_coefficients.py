@@ -5,8 +5,9 @@ cosine transforms of blocks of 8 by 8 pixels, of chroma after averaging the pixe
 rounded to a multiple of its step q: with a variance of q²/12 about the picture's. Decoders interpolate
 chroma linearly.
 
-All this is separable: a component x (h, w) has the coefficients R x Cᵀ, with sparse matrices R and C of
-whole coded units, of which the picture shows a part.
+This is the linear part of `radiometry.Compression`, which simulates a file with its rounding: a
+likelihood needs derivatives. All of it is separable: a component x (h, w) has the coefficients R x Cᵀ,
+with sparse matrices R and C of whole coded units, of which the picture shows a part.
 """
 
 from dataclasses import dataclass

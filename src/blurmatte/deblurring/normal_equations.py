@@ -10,8 +10,8 @@ The nodes are ordered so that N is banded, and a Cholesky factor costs n b² ope
 unknowns are the nodes and the coefficients of colored light, whose independent prior is part of N.
 
 A symmetric matrix S of n rows and b bands below the diagonal is stored as (n, b + 1), band[i, k] =
-S[i + k, i]; as (b + 1, n) in Fortran's order this is the lower form of LAPACK. Its loops are
-compiled.
+S[i + k, i]; as (b + 1, n) in Fortran's order this is the lower form of LAPACK, which factors it: bands
+are hundreds wide. `sweep.model.color_field_kernel` factors its narrow bands within compiled loops.
 """
 
 from collections.abc import Sequence

@@ -12,9 +12,11 @@ The color is marginalized: with the weights W, B = Aᵀ W J and S = (N + μ Q)�
 
 with the residuals r. The second term, summed over channels, is the change of the volume of colors that
 explain the light. On a flat lattice, where it is small, it is omitted. Steps of Gauss and Newton are
-accepted if they increase the objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. s is the variance scale
-of the residuals, so that an error of the model does not count as evidence. On a flat lattice one W
-serves all channels, and the steps start from the maximum in pictures of blocks of pixels.
+accepted if they increase the objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. Each evaluation builds
+the operator anew; so few lengths of a step are tried, and secants correct the information instead of
+damping it. s is the variance scale of the residuals, so that an error of the model does not count as
+evidence. On a flat lattice one W serves all channels, and the steps start from the maximum in pictures
+of blocks of pixels.
 
 Files, and errors of the motion or the shape, leave residuals that correlate over pixels. The color's
 covariance counts them as independent. With the covariance S of the color, noise W^(-1/2) e changes

@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, check_kind, check_same_size
+from blurmatte.checks import Array, check_kind, check_same_size, rows_columns
 from blurmatte.deblurring.compressed import compressed_color
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.lattice import Lattice
@@ -161,9 +161,8 @@ class Sharp:
 
     def _placed(self, values: Array, sweep: Sweep) -> Array:
         """A box in the whole picture, zeros around it."""
-        (width, height), (x0, y0, x1, y1) = sweep.size, sweep.box
-        whole = np.zeros((height, width, *values.shape[2:]))
-        whole[y0:y1, x0:x1] = values
+        whole = np.zeros((*sweep.size[::-1], *values.shape[2:]))
+        whole[rows_columns(sweep.box)] = values
         return whole
 
 

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools, Floats, check_kind, check_map
+from blurmatte.checks import Array, Bools, Floats, check_kind, check_map, rows_columns
 from blurmatte.deblurring.operator import Sparse
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
@@ -110,7 +110,11 @@ def _support(streak: Bools, chi: Array) -> Bools:
 
 
 def _solved(problem: _Problem, data: Array) -> Array:
-    """H (H, W) of the projected gradient steps for one alpha."""
+    """H (H, W) of the projected gradient steps for one alpha [Beck & Teboulle 2009].
+
+    They end where the residuals have the size of the noise, before they fit it. SciPy has no least
+    squares of non-negative unknowns with a given sum.
+    """
     count = int((problem.weight > 0).sum())
     # The largest eigenvalue of the curvature is at most max weight times (Σ χ)².
     step = 1 / (problem.weight.max() * problem.chi.sum() ** 2)
@@ -198,10 +202,9 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
     check_map("alpha_std", alpha_std, sweep.size[::-1])
     if parts < 4:
         raise ValueError(f"parts must be 4 or more, got {parts}")
-    x0, y0, x1, y1 = sweep.box
-    G, xy, position = _coverage(sweep, parts)
-    data = np.asarray(alpha[y0:y1, x0:x1], float).ravel()
-    std = np.maximum(np.asarray(alpha_std[y0:y1, x0:x1], float).ravel(), _MIN_ALPHA_STD)
+    (G, xy, position), place = _coverage(sweep, parts), rows_columns(sweep.box)
+    data = np.asarray(alpha[place], float).ravel()
+    std = np.maximum(np.asarray(alpha_std[place], float).ravel(), _MIN_ALPHA_STD)
     seen = np.isfinite(data) & np.isfinite(std) & (np.asarray(G.sum(axis=1)).ravel() > 0)
     rows = G[seen].toarray() / std[seen, None]
     time, time_std, misfit = _smooth_times(rows, data[seen] / std[seen])

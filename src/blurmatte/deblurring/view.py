@@ -29,7 +29,7 @@ from blurmatte.deblurring.operator import (
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.radiometry import SRGB, LinearImage, Transfer
-from blurmatte.sweep.model.pixels import PixelBox, light_of, means
+from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
 from blurmatte.sweep.sweep import Sweep
 
 MODEL_STD = 0.003  # δ, linear light
@@ -44,32 +44,23 @@ class StoredCodes:
     Parameters
     ----------
     codes : (h, w, 3) float
-        Code values 0…255.
-    plate_seen : (h w, 3) float
-        Light of the plate after the image's file.
+        Code values 0…1.
     coefficients : Coefficients
     transfer : Transfer
     """
 
     codes: Array
-    plate_seen: Array
     coefficients: Coefficients
     transfer: Transfer
 
     @classmethod
-    def of(cls, image: LinearImage, plate: LinearImage) -> "StoredCodes | None":
+    def of(cls, image: LinearImage) -> "StoredCodes | None":
         """None if the compression of the image is unknown."""
         compression, transfer = image.meta.compression, image.meta.transfer or SRGB
         if compression is None:
             return None
-        coefficients = Coefficients(compression, image.valid.shape)
-        codes, behind = (255 * transfer.encode(np.asarray(p.rgb, float)) for p in (image, plate))
-        seen = transfer.decode(coefficients.seen(behind) / 255).reshape(-1, 3)
-        return cls(codes, seen, coefficients, transfer)
-
-    def codes_of(self, light: Array) -> Array:
-        """Code values 0…255 of light."""
-        return np.asarray(255 * self.transfer.encode(np.maximum(light, 0)))
+        codes = np.asarray(transfer.encode(np.asarray(image.rgb, float)))
+        return cls(codes, Coefficients(compression, image.valid.shape), transfer)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -109,7 +100,7 @@ class View(PixelBox):
         near = max(x0 - margin, 0), max(y0 - margin, 0)
         box = (*near, min(x1 + margin, width), min(y1 + margin, height))
         image, plate = image.crop(box), sweep.in_shadow(plate.crop(box), box)
-        stored = StoredCodes.of(image, plate)
+        stored = StoredCodes.of(image)
         image = sweep.before_file(image, plate, box)
         return cls(
             *light_of(image, plate),

@@ -4,7 +4,7 @@ from io import BytesIO
 
 import numpy as np
 
-from blurmatte.checks import Box, Codes8, check_kind, check_same_size
+from blurmatte.checks import Box, Codes8, check_kind, check_same_size, rows_columns
 from blurmatte.compositing import Exposures
 from blurmatte.figures.drawing import (
     fitted,
@@ -155,8 +155,7 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     height, width, count = exposures.fraction.shape
     check_same_size("the exposures", (width, height), "the layer", layer.size)
     box = _around(layer)
-    x0, y0, x1, y1 = box
-    place, part = np.s_[y0:y1, x0:x1], layer.crop(box)
+    place, part = rows_columns(box), layer.crop(box)
     peak = round_up(float(part.alpha.max()))
     panels = [Panel(over_checkerboard(part), "layer", "over a checkerboard")]
     codes = srgb_codes(np.minimum(exposures.paints, 1))

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.checks import Array, Box, Codes8, check_kind, check_same_size
+from blurmatte.checks import Array, Box, Codes8, check_kind, check_same_size, rows_columns
 from blurmatte.deblurring.sharp import Sharp
 from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import (
@@ -143,8 +143,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8
     sheet.grid(panels, _layout(size, len(panels)), "the object")
     close = box_around(moments[1]) or box
     part = moments[1].crop(close)
-    x0, y0, x1, y1 = close
-    std = np.sqrt(np.mean(sharp.color_std[y0:y1, x0:x1] ** 2, axis=-1))
+    std = np.sqrt(np.mean(sharp.color_std[rows_columns(close)] ** 2, axis=-1))
     peak = round_up(float(std.max()))
     sheet.grid(
         [

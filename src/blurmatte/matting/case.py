@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from blurmatte.background import Match
-from blurmatte.checks import Bools, Box, Codes8
+from blurmatte.checks import Bools, Box, Codes8, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
@@ -101,16 +101,13 @@ class Case:
 
     def within(self, box: Box) -> tuple[LinearImage, LinearImage, MixedPlate]:
         """Image and plate in a box, and where the plate's edges are uncertain."""
-        inside = self.streak.mask[box[1] : box[3], box[0] : box[2]]
+        inside = self.streak.mask[rows_columns(box)]
         image, plate = self.image.crop(box), self.plate.crop(box)
         return image, plate, mixed_plate(image, plate, image.valid & plate.valid & ~inside)
 
     def box_with(self, sweeps: Sequence[Sweep]) -> Box:
         """A box around streak and sweeps, with a margin."""
-        boxes = np.array([self.streak.around(MARGIN_PX), *(sweep.box for sweep in sweeps)])
-        x0, y0 = boxes[:, :2].min(axis=0)
-        x1, y1 = boxes[:, 2:].max(axis=0)
-        return int(x0), int(y0), int(x1), int(y1)
+        return enclosing([self.streak.around(MARGIN_PX), *(sweep.box for sweep in sweeps)])
 
     @property
     def flags(self) -> Codes8:
@@ -202,12 +199,6 @@ class Solver(ABC):
         """
 
 
-def rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:
-    """Rows and columns of a part (x0, y0, x1, y1) of the picture in a box of it."""
-    (x, y), (x0, y0, x1, y1) = box[:2], part
-    return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
-
-
 def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:
     """The picture with the noise inflation of the best sweep."""
     factor = 1.0 if hypotheses is None else hypotheses.best.diagnostics.noise_inflation
@@ -228,7 +219,7 @@ def grown_mask(streak: Streak, image: LinearImage, plate: LinearImage, model: Co
     half_width = float(scipy.ndimage.distance_transform_edt(np.pad(streak.mask[y, x], 1)).max())
     reach = _MARGIN_PX + half_width
     box = streak.around(int(reach) + 1)
-    place = slice(box[1], box[3]), slice(box[0], box[2])
+    place = rows_columns(box)
     inside = streak.mask[place]
     distance = np.asarray(scipy.ndimage.distance_transform_edt(~inside))
     near = distance <= reach

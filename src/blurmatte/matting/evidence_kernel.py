@@ -8,7 +8,9 @@ import numpy as np
 
 from blurmatte.compiling import FAST_MATH, njit
 
-_STUDENT_DOF = 5.0  # degrees of freedom of the t distribution that downweights outliers
+# Degrees of freedom of the t distribution of the residual that two normals leave, which downweights
+# outliers; in the loop, as a call of `statistics.student_weight` would need maps of χ²
+_STUDENT_DOF = 5.0
 
 
 @njit(inline="always", fastmath=FAST_MATH)

@@ -6,12 +6,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from blurmatte.checks import Array, Box
+from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import rms_difference
-from blurmatte.matting.case import rows_columns
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.object_light import light_given

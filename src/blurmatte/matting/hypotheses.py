@@ -7,7 +7,7 @@ from itertools import compress
 
 import numpy as np
 
-from blurmatte.checks import Array, Box
+from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import Alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
@@ -20,7 +20,7 @@ from blurmatte.matting.calibration import (
     graded,
     reasons,
 )
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.fitted_hypothesis import FittedHypothesis, OnPath, Shapeless
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag

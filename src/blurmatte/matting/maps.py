@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Codes8, Floats
+from blurmatte.checks import Bools, Box, Codes8, Floats, rows_columns
 from blurmatte.streaks import Streak
 
 # Light is stored as float32, so no value is known to better than about 1e-6 of full scale. The bound
@@ -86,8 +86,7 @@ class PixelMaps(NamedTuple):
 
     def within(self, box: Box) -> "PixelMaps":
         """Views of a box (x0, y0, x1, y1)."""
-        x0, y0, x1, y1 = box
-        return PixelMaps._make(values[y0:y1, x0:x1] for values in self)
+        return PixelMaps._make(values[rows_columns(box)] for values in self)
 
 
 def has_flag(quality: Codes8, flags: Quality) -> Bools:

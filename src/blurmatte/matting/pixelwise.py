@@ -22,10 +22,10 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Box, Codes, Codes8, Floats, check_map
+from blurmatte.checks import Box, Codes, Codes8, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.compiling import FAST_MATH, njit
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver, rows_columns
+from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.maps import (
     MAX_CHI2,
@@ -137,7 +137,7 @@ def closed_form(
     solver = solver or Pixelwise()
     image, plate, model = case.image.crop(box), case.plate.crop(box), case.model
     whole = image.size == case.image.size
-    flags, place = case.flags, rows_columns(box, (0, 0, *case.image.size))
+    flags, place = case.flags, rows_columns(box)
     noise: Any = image.noise, plate.noise  # known
     direct = out if whole else None
     near = solver(image.rgb, plate.rgb, model, noise[0], noise[1], flags[place], out=direct)

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 
+from blurmatte.checks import rows_columns
 from blurmatte.errors import PlateWarning
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_1
@@ -90,7 +91,7 @@ def _brightness_around(
     margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
     box = streak.around(margin)
     image, plate = image.crop(box), plate.crop(box)
-    still = ~streak.mask[box[1] : box[3], box[0] : box[2]] & image.valid & plate.valid
+    still = ~streak.mask[rows_columns(box)] & image.valid & plate.valid
     C, B = (np.asarray(p.rgb[still], float) for p in (image, plate))
     if len(B) < 100:
         return np.zeros(3)

@@ -21,7 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.background import Match
-from blurmatte.checks import Array, Bools, check_same_size
+from blurmatte.checks import Array, Bools, check_same_size, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.errors import ColorModelError
@@ -117,7 +117,7 @@ class Shaded(Solver):
             shaded = case.pictures.match.apply(self.plate).crop(box)
         pictures = case.image.crop(box), case.plate.crop(box), shaded
         S = self(maps.within(box), *pictures, case.model)
-        inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
+        inside = case.streak.mask[rows_columns(box)]
         stats = SolutionStats(sum_shadow=float(S[inside].sum()))
         # The light of an object is rarely constant, and no factor of it is fitted.
         assumes = "" if self.light is None else "light"
@@ -204,7 +204,7 @@ def mark_shadow(
     Returns the error of the sum of alpha if the marked pixels are the object's shadow.
     """
     box = streak.box
-    place = slice(box[1], box[3]), slice(box[0], box[2])
+    place = rows_columns(box)
     if not whole and not (without_sweep and model.rank == 1):
         return 0.0
     shadow = streak.mask

@@ -15,7 +15,7 @@ from itertools import groupby
 import numpy as np
 import scipy
 
-from blurmatte.checks import Bools, Box, Floats
+from blurmatte.checks import Bools, Box, Floats, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.averaging import as_fraction
@@ -133,7 +133,7 @@ class Smooth(Solver):
         """Solve the streak of a case, with its faint rims."""
         box = case.grown_streak.around(MARGIN_PX)
         maps = closed_form(case, box, out)
-        inside = case.grown_streak.mask[box[1] : box[3], box[0] : box[2]]
+        inside = case.grown_streak.mask[rows_columns(box)]
         C, B, mixed = case.within(box)
         sum_std, summary = self(maps, C, B, case.model, inside, box, mixed)
         inpaint_light(maps.within(box), C, B)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Box, Floats32
 from blurmatte.radiometry.compression import CodingErrors
-from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.image import LinearImage, part_of
 
 Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
 
@@ -71,11 +71,7 @@ def coded(number: int, image: LinearImage) -> CodedFrame:
     def light_of(box: Box, every: int) -> LinearImage:
         """Light of every n-th pixel of a box."""
         part = image.crop(box)
-        if every == 1:
-            return part
-        noise = part.noise[::every, ::every] if isinstance(part.noise, np.ndarray) else part.noise
-        few = np.s_[::every, ::every]
-        return LinearImage(part.rgb[few], noise, part.valid[few], part.meta)
+        return part if every == 1 else part_of(part, np.s_[::every, ::every])
 
     red, green, blue = (np.ascontiguousarray(image.rgb[..., c], np.float32) for c in range(3))
     planes = red, green, blue

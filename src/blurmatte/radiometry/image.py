@@ -18,6 +18,7 @@ from blurmatte.checks import (
     check_kind,
     check_light,
     check_map,
+    rows_columns,
 )
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
@@ -217,8 +218,7 @@ class LinearImage(Displayed):
             If the box is empty or begins outside the picture.
         """
         check_box(box, self.size)
-        x0, y0, x1, y1 = box
-        place = slice(y0, y1), slice(x0, x1)
+        place, (x0, y0) = rows_columns(box), box[:2]
         noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
         meta = self.meta
         if meta.compression is not None:
@@ -242,6 +242,12 @@ class LinearImage(Displayed):
         meta = replace(self.meta, color_space="sRGB", white_balance=None, to_srgb=None)
         rgb = light_in_srgb(self.rgb, self.meta.to_srgb)
         return LinearImage(rgb, valid=self.valid, meta=meta)
+
+
+def part_of(picture: LinearImage, place: slice | tuple[slice, slice]) -> LinearImage:
+    """Some rows, or rows and columns, of a picture; views."""
+    noise = picture.noise[place] if isinstance(picture.noise, np.ndarray) else picture.noise
+    return LinearImage(picture.rgb[place], noise, picture.valid[place], picture.meta)
 
 
 def check_picture(name: str, picture: object) -> None:

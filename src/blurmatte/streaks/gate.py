@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Bools, Box, Floats32, check_same_size
+from blurmatte.checks import Bools, Box, Floats32, check_same_size, enclosing
 from blurmatte.compiling import njit
 from blurmatte.radiometry.coded import CodedFrame, Planes
 from blurmatte.statistics import MAD_TO_STD, block_sums
@@ -211,9 +211,7 @@ def joined(boxes: Iterable[Box]) -> list[Box]:
         box, others = rest[0], rest[1:]
         touching = [other for other in others if _overlap(box, other)]
         if touching:
-            both = np.array([box, *touching])
-            (x0, y0), (x1, y1) = both[:, :2].min(axis=0), both[:, 2:].max(axis=0)
-            box = int(x0), int(y0), int(x1), int(y1)
+            box = enclosing([box, *touching])
             rest = [box, *(other for other in others if other not in touching)]
         else:
             whole.append(box)

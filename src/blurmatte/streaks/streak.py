@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, as_array, check_kind, check_map
+from blurmatte.checks import Bools, Box, Floats, as_array, check_kind, check_map, rows_columns
 
 MAX_EXPECTED = 0.05  # false streaks in a picture: a streak with fewer is significant
 _TILE_CELLS = 8, 32  # at least: T is correlated over fewer; at most
@@ -120,7 +120,7 @@ class Streak:
                 "with x0 < x1 and y0 < y1"
             )
         mask = np.zeros((height, width), bool)
-        mask[y0:y1, x0:x1] = True
+        mask[rows_columns(box)] = True
         return cls(mask)
 
     def around(self, margin: int) -> Box:
@@ -137,8 +137,7 @@ class Streak:
     @property
     def rows_columns(self) -> tuple[slice, slice]:
         """The box as slices of an array."""
-        x0, y0, x1, y1 = self.box
-        return slice(y0, y1), slice(x0, x1)
+        return rows_columns(self.box)
 
 
 def check_streak(name: str, value: object) -> None:

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import fit_noise
-from blurmatte.checks import Array, Bools, Box, Floats
+from blurmatte.checks import Array, Bools, Box, Floats, rows_columns
 from blurmatte.radiometry import LinearImage, Noise, NoiseModel
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
@@ -98,8 +98,7 @@ class FittingSize:
         return LinearImage(cell_means(part.rgb, self.cell), noise, np.asarray(valid), meta)
 
     def _means(self, mask: Bools) -> Floats:
-        x0, y0, x1, y1 = self.box
-        return cell_means(mask[y0:y1, x0:x1].astype(np.float32), self.cell)
+        return cell_means(mask[rows_columns(self.box)].astype(np.float32), self.cell)
 
     def enlarged_box(self, box: Box) -> Box:
         """A box of cells in the picture; with the rest of less than a cell at its far borders."""
@@ -154,9 +153,8 @@ class FittingSize:
             plate = self._lighting(before, fitted.plate).on(plate)
         if fitted.streak is not found:
             whole = 0, 0, *fitted.plate.size
-            x0, y0, x1, y1 = self.enlarged_box(whole)
             mask = np.zeros(streak.mask.shape, bool)
-            mask[y0:y1, x0:x1] = self.repeated(fitted.streak.mask, whole)
+            mask[rows_columns(self.enlarged_box(whole))] = self.repeated(fitted.streak.mask, whole)
             cell = self.cell * fitted.streak.cell
             streak = Streak(mask, evidence=fitted.streak.evidence, cell=cell)
         return replace(fitted, sweeps=sweeps, plate=plate, streak=streak)

@@ -8,7 +8,7 @@ for k and a. For the object k is about a times its brightness; for a shadow it i
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, rows_columns
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_1, window_sums
@@ -65,7 +65,7 @@ def cast_shadow_mask(
     Empty if it is not significant. Black parts of an object cannot be distinguished from a shadow.
     """
     box = streak.around(_WINDOWS_PX[-1])
-    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+    inside = streak.mask[rows_columns(box)]
     image, plate = image.crop(box), plate.crop(box)
     valid = image.valid & plate.valid
     use, background = valid & inside, valid & ~dilated(inside, _BLEED_PX)
@@ -77,7 +77,7 @@ def cast_shadow_mask(
     found = np.zeros(streak.mask.shape, bool)
     reach = scipy.ndimage.binary_propagation(core, mask=use & dim)
     if _is_part(reach, inside):
-        found[box[1] : box[3], box[0] : box[2]] = dilated(reach, _RIM_PX)
+        found[rows_columns(box)] = dilated(reach, _RIM_PX)
     whole = not (streak.mask & ~found).any()  # the rim may cover a small streak
     return np.zeros_like(found) if whole else found
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.cast_shadow import CastShadow
@@ -325,9 +325,7 @@ class Sweep:
 
     def rms_difference(self, other: "Sweep") -> float:
         """Root mean square difference of the alphas of two sweeps, of the larger alpha's."""
-        boxes = np.array([self.box, other.box])
-        (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
-        box = int(x0), int(y0), int(x1), int(y1)
+        box = enclosing([self.box, other.box])
         a, b = (sweep._swept(box, sweep.shape).alpha for sweep in (self, other))
         energy = max(float((a**2).sum()), float((b**2).sum()), 1e-9)
         return float(np.sqrt(((a - b) ** 2).sum() / energy))

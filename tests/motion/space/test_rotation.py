@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
-from blurmatte.motion.space.rotation import _check_same
+from blurmatte.motion.space.rotation import _check_same, _Trial
 from blurmatte.motion.space.rotation_blades import Blades, ramp
 from blurmatte.motion.space.rotation_ring import RingPixels
 from blurmatte.rendering import Change, Sheet, colorful_plate
@@ -189,6 +189,26 @@ def test_half_turn_of_stick_is_rejected():
     """door: alpha is constant along circles; the message lists the possible turns."""
     with pytest.raises(bm.errors.MotionError, match="of 180° if it is a stick with two ends"):
         bm.motion.measure_rotation(solution_of(alpha_of("half"), 0.01, 0))
+
+
+@pytest.mark.battery
+def test_a_turn_beyond_half_is_not_mistaken_for_a_longer_one():
+    """honest: noisy alpha of a stick; by a turn of 376° it looks much the same."""
+    angle, z = FANS["beyond half"][2], []
+    for seed in range(1, 9):
+        found = bm.motion.measure_rotation(solution_of(alpha_of("beyond half"), 0.04, seed))
+        z.append((found.angle - angle) / found.angle_std)
+    assert np.abs(z).max() < 4
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_fits_are_compared_over_the_pixels_of_both():
+    """Exact: one has a smaller mean residual, but not where the other was fitted."""
+    rotation, nan = bm.motion.Rotation(CENTER, 0.3, np.eye(3)), np.nan
+    one = _Trial(0.0, rotation, np.array([[1.0, 2.0, nan, 0.0]]))
+    other = _Trial(0.0, rotation, np.array([[nan, 1.0, 3.0, 0.5]]))
+    assert_allclose(other.gain_over(one), 4 - 1 + 0 - 0.25)
+    assert_allclose(one.gain_over(other), -2.75)
 
 
 def test_ambiguous_angles_are_named():

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from blurmatte.checks import Bools, Box, Floats, Floats32
+from blurmatte.checks import Bools, Box, Floats, Floats32, rows_columns
 from blurmatte.color.color_projection import (
     projected_energy,
     projection_vectors,
@@ -85,8 +85,7 @@ class MatchedFilter:
 
     def within(self, box: Box) -> "MatchedFilter":
         """The filter in a box (x0, y0, x1, y1) of the picture; views."""
-        x0, y0, x1, y1 = box
-        place = np.s_[y0:y1, x0:x1]
+        place = rows_columns(box)
         return replace(
             self, plate=self.plate.crop(box), weight=self.weight[place], std=self.std[place]
         )

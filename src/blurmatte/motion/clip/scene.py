@@ -10,7 +10,7 @@ import numpy as np
 
 from blurmatte.background import max_coded_samples, plate_for_clip
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, Box, Floats, check_map
+from blurmatte.checks import Bools, Box, Floats, check_map, rows_columns
 from blurmatte.motion.clip.frames import gain_of, noise_of, times_gain
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import (
@@ -115,8 +115,7 @@ class StaticScene:
 
     def hidden_in(self, box: Box) -> Bools | None:
         """What is hidden in a box; None for nothing."""
-        x0, y0, x1, y1 = box
-        hidden = None if self.hidden is None else self.hidden[y0:y1, x0:x1]
+        hidden = None if self.hidden is None else self.hidden[rows_columns(box)]
         return hidden if hidden is not None and hidden.any() else None
 
     def with_noise(self, image: LinearImage, box: Box) -> LinearImage:
@@ -127,11 +126,11 @@ class StaticScene:
         """
         if image.noise is not None:
             return image
-        x0, y0, x1, y1 = box
-        noise = self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
+        place, (x0, y0) = rows_columns(box), box[:2]
+        noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
         if self.coding is None:
             return image.with_noise(noise)
-        plate = self.plate.rgb[y0:y1, x0:x1]
+        plate = self.plate.rgb[place]
         of_model = noise.variance(plate) if isinstance(noise, Noise) else noise
         variance = np.array(of_model, np.float32)
         for c in range(3):

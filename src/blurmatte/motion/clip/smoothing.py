@@ -40,7 +40,7 @@ _MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
 # intensity_decades : (float, float)
 # Range of the intensity of the noise, powers of ten, pixels² per interval to the power 2p − 1.
 # student_freedom : float
-# Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
+# Degrees of freedom of the likelihood that determines it, few: bounces and mistakes are outliers.
 # added_decades : (float, float)
 # Range of the errors beyond the stated ones, powers of ten, pixels.
 # min_outlier_probability : float

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.background import Matching
-from blurmatte.checks import Array, Bools, Box, check_kind
+from blurmatte.checks import Array, Bools, Box, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.case import Solver
@@ -150,10 +150,7 @@ class FrameSolver:
 
     def _solved_alone(self, frame: CodedFrame, index: int) -> tuple[Crop, Solution]:
         """The crop around all that moved, and the solution of its likeliest streak."""
-        boxes = np.array(self.scene.boxes(frame, index))
-        x0, y0 = boxes[:, :2].min(axis=0).tolist()
-        x1, y1 = boxes[:, 2:].max(axis=0).tolist()
-        (crop,) = self.scene.crops(frame, [(x0, y0, x1, y1)])
+        (crop,) = self.scene.crops(frame, [enclosing(self.scene.boxes(frame, index))])
         return crop, self._solution(crop, None, None, None, self.solver, any_color=True)
 
     def _prepared(

@@ -3,7 +3,8 @@
 A Kalman filter of constant velocity predicts each track, and the detections of a frame are assigned to
 tracks with the least sum of costs (`linear_sum_assignment`). In this file the state of a track is s =
 (x, y, vx, vy), in pixels and pixels per frame, with the covariance V; z is a measured position, with
-the covariance R. The recursion is that of Kalman (1960), with white acceleration.
+the covariance R. The recursion is that of Kalman (1960), with white acceleration. It goes forward only,
+since each assignment depends on those before; finished tracks are smoothed by `robust_curve`.
 """
 
 from collections.abc import Sequence

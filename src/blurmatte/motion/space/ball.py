@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, check_kind
+from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.picture.error_budget import Source
@@ -183,9 +183,8 @@ def _observation(
     intrinsics: Intrinsics, sweep: Sweep, image: LinearImage, plate: LinearImage
 ) -> tuple[Observation, PerspectiveBall]:
     """The pixels around a sweep, and the image of a ball in them."""
-    x0, y0, x1, y1 = sweep.box
     seen = np.zeros((sweep.size[1], sweep.size[0]), dtype=bool)
-    seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
+    seen[rows_columns(sweep.box)] = sweep.within(sweep.box)[0] > 0
     streak = Streak(seen)
     color = ColorPrior(np.eye(3), varied=sweep.model.rank)
     margin = int(_MARGIN * sweep.radius) + 4

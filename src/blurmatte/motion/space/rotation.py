@@ -8,6 +8,8 @@ ring in which the whole object is visible (`rotation_ring`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,6 +32,7 @@ _MAX_ROUNDS = 3  # fits, each in the ring around the center of the last
 _CENTER_TOLERANCE_PX = 0.5
 _PIXELS_PER_TRIAL = 3000  # with which starts are compared
 _UNAMBIGUOUS_TURN = 0.85  # angles between blades: beyond, paths of blades may overlap
+_CHANCE_STD = 4.0  # standard deviations by which misfits of such trials may differ by chance
 _AMBIGUOUS_CHI2 = 14.0  # difference of two angles that both explain alpha, at 0.1 %
 _MAX_MISFIT = 12.0  # mean squared residual over blocks, of a rigid object
 _MAX_OVERLAP_MISFIT = 2.5  # the same if paths overlap: other angles fit nearly as well
@@ -167,6 +170,23 @@ def _of_sweep(sweep: Sweep) -> Rotation:
     return Rotation(middle[0], abs(turn), J @ sweep.covariance @ J.T)
 
 
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A rotation fitted from a start.
+
+    misfit is the mean squared residual, inflated by its correlation; residuals (H, W) are in standard
+    deviations, NaN where they were not fitted.
+    """
+
+    misfit: float
+    rotation: Rotation
+    residuals: Array
+
+    def gain_over(self, other: _Trial) -> float:
+        """Decrease of χ² from that of another, over the pixels of both."""
+        return float(np.nansum(other.residuals**2 - self.residuals**2))
+
+
 def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     """The best fit from all starts; MotionError if it is not acceptable or not the only one."""
     use = np.asarray(solution.known & (solution.alpha_std > 0))
@@ -180,14 +200,24 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
         except MotionError as raised:
             error = error or raised
             continue
-        misfit, found = trials[-1]
-        if misfit < MAX_RESIDUAL_EXCESS and found.angle * found.blades < unambiguous * 2 * np.pi:
+        found = trials[-1].rotation
+        turned = found.angle * found.blades
+        if trials[-1].misfit < MAX_RESIDUAL_EXCESS and turned < unambiguous * 2 * np.pi:
             break
     if not trials:
         raise error or MotionError("alpha is nowhere known; solve with another color")
-    trials.sort(key=lambda trial: trial[0])
-    rough = trials[0][1]
-    misfit, rotation = _fitted(alpha, std, use, rough.center, rough.angle, center, alpha.size)
+    trials.sort(key=lambda trial: trial.misfit)
+    # Trials use different pixels, so that their misfits differ by chance.
+    most = trials[0].misfit * (1 + _CHANCE_STD * np.sqrt(2 / few))
+    rough = _distinct([trial.rotation for trial in trials if trial.misfit <= most])
+    fits = list[_Trial]()
+    for one in rough:
+        with suppress(MotionError) if fits else nullcontext():
+            fits.append(_fitted(alpha, std, use, one.center, one.angle, center, alpha.size))
+    best = fits[0]
+    for other in fits[1:]:
+        best = other if other.gain_over(best) > 0 else best
+    misfit, rotation = best.misfit, best.rotation
     overlaps = rotation.angle * rotation.blades > unambiguous * 2 * np.pi
     limit = _MAX_OVERLAP_MISFIT if overlaps else _MAX_MISFIT
     if misfit > limit:
@@ -197,16 +227,29 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
             f"no rigid rotation about one point explains alpha: the residuals are {misfit:.0f} times "
             "the noise; choose a region that contains only this object, or give its center"
         )
-    for other in trials[1:]:
-        if few * (other[0] / trials[0][0] - 1) < _AMBIGUOUS_CHI2:
-            _check_same(rotation, other[1])
+    for other in fits:
+        if other is not best and best.gain_over(other) < _AMBIGUOUS_CHI2 * max(misfit, 1.0):
+            _check_same(rotation, other.rotation)
     return rotation
+
+
+def _distinct(rotations: Sequence[Rotation]) -> list[Rotation]:
+    """Those whose angles differ from all before."""
+    found = list[Rotation]()
+    for one in rotations:
+        if not any(_agree(one, other) for other in found):
+            found.append(one)
+    return found
+
+
+def _agree(a: Rotation, b: Rotation) -> bool:
+    """Whether two angles are the same within their errors."""
+    return abs(a.angle - b.angle) < _MIN_ANGLE_STD * float(np.hypot(a.angle_std, b.angle_std))
 
 
 def _check_same(rotation: Rotation, other: Rotation) -> None:
     """Raise MotionError if two equally good fits have different angles."""
-    std = float(np.hypot(rotation.angle_std, other.angle_std))
-    if abs(rotation.angle - other.angle) < _MIN_ANGLE_STD * std:
+    if _agree(rotation, other):
         return
     angles = sorted(np.degrees([rotation.angle, other.angle]))
     raise MotionError(
@@ -224,8 +267,8 @@ def _fitted(
     center: Array | None,
     max_pixels: int,
     spacings: float | None = None,
-) -> tuple[float, Rotation]:
-    """Mean squared residual, inflated by its correlation, and the rotation fitted from a start.
+) -> _Trial:
+    """The rotation fitted from a start.
 
     Uses at most `max_pixels` pixels, evenly spread. With `spacings`, the angle starts at that many
     angles between blades.
@@ -254,12 +297,13 @@ def _fitted(
             "turn about one point alone; choose a region that contains only this object, or give its "
             "center"
         )
-    residuals = np.zeros(alpha.shape)
+    residuals = np.full(alpha.shape, np.nan)
     residuals[y, x] = e
-    inflation = float(variance_inflation(residuals[..., None], mask).max()) if every == 1 else 1.0
+    known = np.nan_to_num(residuals)[..., None]
+    inflation = float(variance_inflation(known, mask).max()) if every == 1 else 1.0
     misfit = max(inflation, 1.0) * float(np.mean(e**2))
     covariance = np.linalg.pinv(H, hermitian=True) * max(misfit, 1.0)
     at = [0, 1, 2] if center is None else [0]
     total = np.zeros((3, 3))
     total[3 - len(at) :, 3 - len(at) :] = covariance[np.ix_(at, at)]
-    return misfit, Rotation(c, omega, total, len(model.blades))
+    return _Trial(misfit, Rotation(c, omega, total, len(model.blades)), residuals)

@@ -228,8 +228,7 @@ def half_width_of(streak: Streak) -> float:
 
 def _depth_in(streak: Streak) -> tuple[Array, float]:
     """Depth of the pixels in a streak's box, and the dilation of its mask, pixels."""
-    x0, y0, x1, y1 = streak.box
-    depth = depth_of(streak.mask[y0:y1, x0:x1])
+    depth = depth_of(streak.mask[streak.rows_columns])
     return depth, min((streak.cell - 1) / 2, 0.3 * float(depth.max()))
 
 

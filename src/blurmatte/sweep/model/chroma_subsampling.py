@@ -11,6 +11,7 @@ file. The plate's colors were blurred by its own file: M' is the same with F B i
 F M is added to the code values. It is 0 where nothing moved.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -70,22 +71,36 @@ def file_of(image: LinearImage) -> Compressed | None:
     return Compressed.of(compression, image.rgb, image.variance, transfer)
 
 
+def codes_before(
+    codes: Array,
+    B: Array,
+    alpha: Array,
+    own: Array,
+    seen: Callable[[Array], Array],
+    transfer: Transfer,
+) -> tuple[Array, Array]:
+    """(h, w, 3) code values of an image before its file, and those that the model predicts.
+
+    codes (h, w, 3): of the image, 0…1.
+    B (h, w, 3): light of the plate.
+    own (h, w, 3): alpha times the object's color.
+    seen: code values after the file, of those before it.
+    """
+    plate = np.asarray(transfer.decode(seen(np.asarray(transfer.encode(B)))))
+    through = (1 - alpha)[..., None]
+    predicted, with_plate = (
+        np.asarray(transfer.encode(np.maximum(through * behind + own, 0))) for behind in (B, plate)
+    )
+    return codes + with_plate - seen(predicted), predicted
+
+
 def light_before(
     C: Floats, B: Floats, alpha: Array, own: Array, file: File, transfer: Transfer
 ) -> Array:
-    """(h, w, 3) light of the image before its file.
-
-    C, B (h, w, 3): light of image and plate.
-    own (h, w, 3): alpha times the object's color.
-    file: its effect on the image's code values, which `transfer` decodes.
-    """
-    encode, decode = transfer.encode, transfer.decode
-    codes, plate_codes = (np.asarray(encode(np.asarray(light, float))) for light in (C, B))
-    plate, through = np.asarray(decode(file.seen(plate_codes))), (1 - alpha)[..., None]
-    predicted, with_plate = (
-        np.asarray(encode(np.maximum(through * behind + own, 0))) for behind in (B, plate)
-    )
-    return np.asarray(decode(codes + with_plate - file.seen(predicted)))
+    """(h, w, 3) light of an image of light C before its file, as `codes_before`."""
+    codes = np.asarray(transfer.encode(np.asarray(C, float)))
+    before, _ = codes_before(codes, np.asarray(B, float), alpha, own, file.seen, transfer)
+    return np.asarray(transfer.decode(before))
 
 
 def image_before(

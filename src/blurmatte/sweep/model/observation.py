@@ -7,14 +7,14 @@ from typing import Self
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, rows_columns
 from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer
 from blurmatte.statistics import block_squares
 from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
-from blurmatte.sweep.model.pixels import PixelBox, light_of, means
+from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ def observation_around(
     """A streak and a margin around it, pixels, of two pictures whose noise is known."""
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
-    mask = streak.mask[box[1] : box[3], box[0] : box[2]]
+    mask = streak.mask[rows_columns(box)]
     C, B, _, _, valid = light = light_of(image, plate)
     near = (scipy.ndimage.distance_transform_edt(~mask) <= margin) | ~valid
     return Observation(

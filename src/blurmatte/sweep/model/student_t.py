@@ -4,9 +4,8 @@ from blurmatte import statistics
 from blurmatte.checks import Array
 
 DEGREES_OF_FREEDOM = 6.0  # the variance is finite, and whatever else moved has little influence
-VARIANCE = (
-    1.129  # of an estimate over its inverse curvature with these weights, for normal residuals
-)
+# Of an estimate over its inverse curvature with these weights, for normal residuals
+VARIANCE = 1.129
 
 
 def loss(chi2: Array) -> Array:
