@@ -60,18 +60,28 @@ def test_light_before_black_determines_alpha():
     assert_allclose((pull / information)[DARK], 0.5, atol=2e-3)
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.1])
-def test_std_covers_a_change_of_brightness_at_the_stripe(scatter):
-    """Honest: mean over the stripe, if the brightness there differs from that around it."""
+def scores_of_stripe(scatter):
+    """Error of the mean alpha over the stripe, over its std, if brightness varies by this share."""
     scores = []
-    for seed in range(24):
+    for seed in range(48):
         phase, angle = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2)
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 25.0
         brightness = 1 + scatter * np.sin(np.cos(angle) * x + np.sin(angle) * y + phase)
         before, own = evidence_at(0.4, seed, brightness)
         information, pull = (values[DARK] for values in with_brightness(before, *own))
         scores.append((pull.sum() / information.sum() - 0.4) * np.sqrt(information.sum()))
-    assert 0.1 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    return scores
+
+
+@pytest.mark.parametrize("scatter", [0.05, 0.1])
+def test_std_covers_a_change_of_brightness_at_the_stripe(scatter):
+    """Honest: if the brightness there differs from that around it."""
+    assert 0.8 < np.sqrt(np.mean(np.square(scores_of_stripe(scatter)))) < 1.25
+
+
+def test_std_is_conservative_if_the_brightness_does_not_change():
+    """Honest, and not much too large: noise alone is taken for a small change."""
+    assert 0.5 < np.sqrt(np.mean(np.square(scores_of_stripe(0.0)))) < 0.8
 
 
 @pytest.mark.parametrize("contrast", [0.0, 0.1])
@@ -181,8 +191,10 @@ def test_alpha_is_zero_where_the_light_is_that_of_the_plate(wrong):
     assert np.median(information[BESIDE]) > 1 / 0.03**2
 
 
-def test_std_covers_a_change_of_the_mixture():
-    """Honest: means of patches, if the mixture there differs from that around them."""
+def test_std_is_conservative_if_the_mixture_changes():
+    """Honest: means of patches, if the mixture there differs from that around them. The error of the
+    mean color counts as common to its neighborhood, although it varies in it.
+    """
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 6.0
     scores = []
     for seed in range(12):
@@ -194,7 +206,7 @@ def test_std_covers_a_change_of_the_mixture():
             for values in with_mixture(before, *own)
         )
         scores.append((pull / information - 0.4) * np.sqrt(information))
-    assert 0.2 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 0.8
 
 
 def test_no_information_if_colors_scatter_around_the_plate():

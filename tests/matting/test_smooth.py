@@ -172,7 +172,7 @@ def test_errors_of_any_colors_before_a_plain_plate_are_large():
     assert np.mean(inside[truth.layer.alpha > 0]) > 0.8
     off = (solution.alpha - truth.layer.alpha)[inside]
     claimed = np.hypot(solution.alpha_std, solution.stats.alpha_scale_std * solution.alpha)
-    assert 0.5 < np.sqrt(np.mean(off**2) / np.mean(claimed[inside] ** 2)) < 2
+    assert 0.8 < np.sqrt(np.mean(off**2) / np.mean(claimed[inside] ** 2)) < 1.25
 
 
 def test_exact_pictures_give_the_closed_form():
@@ -184,10 +184,10 @@ def test_exact_pictures_give_the_closed_form():
     assert_allclose(together.alpha[across], alone.alpha[across], atol=1e-4)
 
 
-def test_the_sum_has_no_bias():
-    """Honest: over draws of noise, within its standard error."""
+def test_the_sum_has_no_bias_and_a_conservative_error():
+    """Honest: over draws of noise; the error is calibrated on harder scenes than this one."""
     biases, scores = [], []
-    for seed in range(8):
+    for seed in range(16):
         truth, image, plate = taken("ball", "colorful", seed)
         stats = solve(image, plate, truth.model, Smooth()).stats
         off = stats.sum_alpha - truth.layer.alpha.sum()
@@ -195,7 +195,7 @@ def test_the_sum_has_no_bias():
         scores.append(off / stats.sum_alpha_std)
     assert abs(np.mean(biases)) < 0.01
     assert np.std(biases) < 0.02
-    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.8
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1
 
 
 def test_larger_strength_gives_smoother_alpha():

@@ -61,7 +61,7 @@ def test_its_error_is_honest():
         model = fit_color(*photographed(FLAT[LINE], 20 + seed))
         off = GREEN / (model.pole @ GREEN) - model.pole
         z.append(off @ np.linalg.pinv(model.covariance) @ off / 2)
-    assert 0.4 < np.mean(z) < 2.0
+    assert 0.75 < np.sqrt(np.mean(z)) < 1.25
 
 
 @pytest.mark.battery
