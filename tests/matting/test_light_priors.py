@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Smooth, solve
@@ -18,9 +19,7 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Sheet,
-    Shot,
     plain_plate,
-    render,
     two_hue_plate,
 )
 from blurmatte.trajectory import Trajectory
@@ -139,13 +138,13 @@ def test_errors_before_a_black_stripe_are_calibrated():
     plate[:, 70:90] = 0.002
     way = Trajectory.line((60, 60), (104, 70))
     scene = Scene(plate, way, Sheet(50, 10, COLOR), Change(spin=(0, 0, 2)))
-    truth, errors, scores = render(scene, 120), [], []
+    truth, errors, scores = rendered(scene, 120), [], []
     dark = np.zeros(size[::-1], bool)
     dark[:, 72:88] = True
     dark &= truth.layer.alpha > 0.02
     for seed in range(2):
-        shot = Shot(scene, Camera(code_std=2 / 255), plate_frames=5, seed=seed)
-        solution = solve(*shot.photograph(truth), truth.model, Smooth())
+        pictures = photographed(scene, Camera(code_std=2 / 255), seed, 5, substeps=120)
+        solution = solve(*pictures, truth.model, Smooth())
         errors.append((solution.alpha - truth.layer.alpha)[dark])
         scores.append(errors[-1] / solution.alpha_std[dark])
     assert np.sqrt(np.mean(np.square(errors))) < 0.03
@@ -236,9 +235,9 @@ def test_errors_of_a_ball_before_a_plate_between_its_paints_are_calibrated():
     path = Trajectory.line((80, 75), (140, 90))
     body = Ball(18, ORANGE, second_color=BLUE)
     scene = Scene(plate, path, body, Change(spin=(1.0, 0.5, 0.0)))
-    truth = render(scene)
-    image, plate_image = Shot(scene, Camera(code_std=2 / 255), seed=1).photograph(truth)
-    solution = solve(image, plate_image, truth.model, Smooth())
+    truth = rendered(scene)
+    pictures = photographed(scene, Camera(code_std=2 / 255), 1, plate_frames=1)
+    solution = solve(*pictures, truth.model, Smooth())
     true = truth.layer.alpha
     alpha = np.where(solution.streak, solution.alpha, 0)
     assert np.sqrt(np.mean((alpha - true)[true > 0] ** 2)) < 0.05

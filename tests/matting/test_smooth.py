@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
@@ -17,10 +18,8 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Sheet,
-    Shot,
     colorful_plate,
     plain_plate,
-    render,
     star_sprite,
     textured_plate,
 )
@@ -50,17 +49,15 @@ BODIES = {
 
 
 @cache
-def rendered(body, plate):
+def scene_of(body, plate):
     thing, change = BODIES[body]
-    return render(Scene(PLATES[plate], WAY, thing, change), 200)
+    return Scene(PLATES[plate], WAY, thing, change)
 
 
 def taken(body, plate, seed=0, camera=CAMERA):
     """The truth, image and plate."""
-    truth = rendered(body, plate)
-    thing, change = BODIES[body]
-    scene = Scene(PLATES[plate], WAY, thing, change)
-    return truth, *Shot(scene, camera, plate_frames=5, seed=seed).photograph(truth)
+    scene = scene_of(body, plate)
+    return rendered(scene), *photographed(scene, camera, seed, 5)
 
 
 def rmse(solution, truth):
@@ -176,7 +173,7 @@ def test_errors_of_any_colors_before_a_plain_plate_are_large():
 
 
 def test_exact_pictures_give_the_closed_form():
-    truth = rendered("ball", "colorful")
+    truth = rendered(scene_of("ball", "colorful"))
     together, alone = (
         solve(truth.image, truth.plate, truth.model, s) for s in (Smooth(), Pixelwise())
     )
