@@ -365,9 +365,9 @@ def test_errors_with_chroma_subsampling_are_honest(known):
         Trajectory.line((60, 46), (68, 52)),
         Ball(18, (0.25, 0.7, 0.12)),
     )
-    truth = rendered(scene)
+    truth = rendered(scene, 160)
     camera = Camera(code_std=2 / 255, jpeg_quality=90, chroma="4:2:0")
-    image, plate = photographed(scene, camera, 2, plate_frames=5)
+    image, plate = photographed(scene, camera, 2, plate_frames=5, substeps=160)
     if not known:
         image = replace(image, meta=replace(image.meta, compression=None))
     solution = solve(image, plate)
