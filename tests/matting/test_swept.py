@@ -347,17 +347,8 @@ def test_chroma_blurred_rims_are_explained(monkeypatch, known):
     assert explained < 0.6 * odd()
 
 
-_CLAIMS_TOO_LITTLE = pytest.mark.xfail(
-    strict=True, reason="the error is 2.7 times the calibrated one"
-)
-
-
 @pytest.mark.battery
-@pytest.mark.parametrize(
-    "known",
-    [pytest.param(True, marks=_CLAIMS_TOO_LITTLE), False],
-    ids=["file is known", "file is unknown"],
-)
+@pytest.mark.parametrize("known", [True, False], ids=["file is known", "file is unknown"])
 def test_errors_with_chroma_subsampling_are_honest(known):
     """honest: chroma of a rim is blurred over a few pixels."""
     scene = Scene(
