@@ -17,11 +17,10 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from tests.commands import complaint, good, run
 from tests.scenes.texts import BALL
-from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.cli.console import ExitCode, swatches
 from blurmatte.explain import grade_in_words
 from blurmatte.matting.alternatives import Alternative
@@ -65,31 +64,10 @@ def here(scene, tmp_path):
     return tmp_path / "scene"
 
 
-def run(*args):
-    """Run a command in this process."""
-    return CliRunner().invoke(app, [str(arg) for arg in args])
-
-
-def good(*args):
-    result = run(*args)
-    assert result.exit_code == 0, result.stderr
-    return result
-
-
 def solve(scene, out):
     """Results of the scene in a folder, by the fastest solver."""
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     return good("solve", *files, *FAST, "--out", out)
-
-
-def complaint(result):
-    """The last line of a command."""
-    assert result.exit_code == 2, (result.stdout, result.stderr)
-    assert "Traceback" not in result.stderr
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("blurmatte: ")
-    assert not line.startswith("blurmatte: warning")
-    return line.removeprefix("blurmatte: ")
 
 
 def content(folder):
@@ -849,15 +827,6 @@ def test_help_prints_nothing_to_stderr():
     done = subprocess.run([*PROGRAM, "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert done.stderr == ""
-
-
-def test_help_loads_nothing_heavy():
-    code = "import sys, blurmatte.cli; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    loaded = {tuple(name.split(".")[:2]) for name in done.stdout.split()}
-    assert not {"numba", "scipy", "PIL", "rich"} & {package for package, *_ in loaded}
-    ours = {room for package, *rooms in loaded if package == "blurmatte" for room in rooms}
-    assert ours == {"checks", "cli", "errors", "formats", "interrupts"}
 
 
 def test_program_ends_with_one_line(tmp_path):

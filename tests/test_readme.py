@@ -10,10 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import run
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.rendering import colorful_plate
 
 ROOT = Path(__file__).parents[1]
@@ -184,7 +183,7 @@ def test_first_command_solves_the_example(tmp_path, monkeypatch):
     place = arguments.index("--out") + 1
     assert arguments[place] == "out/"
     arguments[place] = str(tmp_path / "out")
-    result = CliRunner().invoke(app, arguments)
+    result = run(*arguments)
     assert (result.exit_code, result.stderr) == (0, "")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(table("file in"))
 
@@ -194,7 +193,7 @@ def test_shape_determines_the_color_before_a_plain_wall(tmp_path, monkeypatch):
         r"`blurmatte (solve examples/plain/.*? --out) out/plain/` is `confirmed`", README
     )[1]
     monkeypatch.chdir(ROOT)
-    result = CliRunner().invoke(app, [*command.split(), str(tmp_path / "plain")])
+    result = run(*command.split(), tmp_path / "plain")
     assert (result.exit_code, result.stderr) == (0, "")
     truth = json.loads((ROOT / "examples/plain/truth.json").read_text())
     report = json.loads((tmp_path / "plain" / "report.json").read_text())

@@ -13,8 +13,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
-
 from benchmarks.battery import battery_table  # noqa: E402
 from benchmarks.report import FIRST, read_result, write_report  # noqa: E402
 from benchmarks.table import DirtyTreeError, Table, publish, publish_all  # noqa: E402

@@ -1,17 +1,11 @@
 """The fit of the calibration: a synthetic relation is recovered, and held-out kinds stay unseen."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
-
 from benchmarks.cycles import calibrate
 from benchmarks.cycles.calibrate import (
     JOURNAL,
@@ -22,6 +16,7 @@ from benchmarks.cycles.calibrate import (
     gather,
     read_samples,
 )
+from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,

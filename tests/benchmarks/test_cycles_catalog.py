@@ -1,14 +1,9 @@
 """The catalog of Cycles scenes, and their photographs, without Blender."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
-
 from benchmarks.cycles.catalog import KINDS, MOMENTS, PARTS, PLACES, Place, scene, scenes
 from benchmarks.cycles.photograph import SETUPS, composed, enlarged, photograph_scene
 from benchmarks.cycles.pictures import Picture

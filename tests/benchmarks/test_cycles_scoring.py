@@ -1,21 +1,16 @@
 """Scores of pictures with a known truth: comparison with an oracle, and a journal that resumes."""
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
-
 from benchmarks.cycles import own, scoring, tables, workers
 from benchmarks.cycles.errors import Deviations, Errors, errors_of
 from benchmarks.cycles.methods import OURS, methods
 from benchmarks.cycles.outcome import Key, Outcome, append, read_journal
 from benchmarks.cycles.pictures import Facts, Picture, TrueShot, find_pictures, write_picture
+from numpy.testing import assert_allclose
 
 from blurmatte.layer import Layer
 from blurmatte.matting import solve

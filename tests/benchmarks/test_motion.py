@@ -1,14 +1,8 @@
 """The Cramér–Rao bound of the benchmark of motion."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
-from numpy.testing import assert_allclose
-
-sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
-
 from benchmarks.accuracy import motion
+from numpy.testing import assert_allclose
 
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import run
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.rendering import colorful_plate
 
 NOISE = bm.NoiseModel(gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.0015, 0.003))
@@ -26,10 +25,6 @@ def folder(tmp_path_factory):
         )
     bm.write(folder / "small.png", bm.LinearImage(np.full((20, 20, 3), 0.5)))
     return folder
-
-
-def run(*args):
-    return CliRunner().invoke(app, [str(arg) for arg in args])
 
 
 def calibrate(*args):

@@ -6,31 +6,11 @@ import sys
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import complaint, good, run
 
 import blurmatte as bm
-from blurmatte.cli import app
 
 TIMES = ("1/32", "1/16", "1/8")
-
-
-def run(*args):
-    """Run a command in this process."""
-    return CliRunner().invoke(app, [str(arg) for arg in args])
-
-
-def good(*args):
-    result = run(*args)
-    assert result.exit_code == 0, result.stderr
-    return result.stdout
-
-
-def complaint(*args):
-    """The one line that a command ended with."""
-    result = run(*args)
-    assert result.exit_code == 2, (result.stdout, result.stderr)
-    (line,) = result.stderr.splitlines()
-    return line
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +29,7 @@ def test_measures_prints_draws_and_uses_curve(bracket, tmp_path):
     """Oracle: the curve of the pictures is recovered, and decodes them."""
     curve, plot = tmp_path / "mycam.json", tmp_path / "mycam.png"
     pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
-    said = good("calibrate", "response", *pictures, "--out", curve, "--plot", plot)
+    said = good("calibrate", "response", *pictures, "--out", curve, "--plot", plot).stdout
     assert said.startswith("ResponseFit(3 pictures, light known to ")
     assert "Nearest to gamma1.8, which is off by up to " in said
     with Image.open(plot) as picture:
@@ -63,9 +43,9 @@ def test_measures_prints_draws_and_uses_curve(bracket, tmp_path):
     assert json.loads(curve.read_text())["exposure_times"] == sorted(
         json.loads(curve.read_text())["exposure_times"]
     )
-    answer = good("info", curve)
+    answer = good("info", curve).stdout
     assert answer.startswith(f"{curve}: transfer curve mycam\nNearest to gamma1.8")
-    answer = good("info", bracket / "1.png", "--transfer", curve)
+    answer = good("info", bracket / "1.png", "--transfer", curve).stdout
     assert "transfer: mycam (as you said)" in answer
 
 
@@ -97,8 +77,7 @@ def test_curve_file_equals_named_transfer(bracket, tmp_path):
 )
 def test_refuses_bad_brackets_in_one_line(bracket, tmp_path, arguments, says):
     """Door: and nothing is written."""
-    line = complaint("calibrate", "response", bracket / "?.png", *arguments)
-    assert line.startswith("blurmatte: ")
+    line = complaint(run("calibrate", "response", bracket / "?.png", *arguments))
     assert says in line
 
 
@@ -109,11 +88,11 @@ def test_refuses_files_of_another_kind(bracket, tmp_path):
     bm.write(model, bm.ColorModel.from_hex("#d8ff3c"))
     broken.write_text('{"name": "x", "light": [1, 0]}')
     picture = bracket / "1.png"
-    assert "holds a color model" in complaint("info", picture, "--transfer", model)
-    assert "no such file" in complaint("info", picture, "--transfer", tmp_path / "none.json")
+    assert "holds a color model" in complaint(run("info", picture, "--transfer", model))
+    assert "no such file" in complaint(run("info", picture, "--transfer", tmp_path / "none.json"))
     files = (picture, "--plate", bracket / "2.png", "--transfer", "srgb")
-    assert "holds a transfer curve" in complaint("color", *files, "--color", curve)
-    assert "light must rise" in complaint("info", broken)
+    assert "holds a transfer curve" in complaint(run("color", *files, "--color", curve))
+    assert "light must rise" in complaint(run("info", broken))
 
 
 def test_names_missing_extras(bracket, tmp_path, monkeypatch):
@@ -123,11 +102,11 @@ def test_names_missing_extras(bracket, tmp_path, monkeypatch):
     log_curve.cache_clear()
     monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    line = complaint("info", bracket / "1.png", "--transfer", "slog3")
+    line = complaint(run("info", bracket / "1.png", "--transfer", "slog3"))
     assert 'pip install "blurmatte[ocio]"' in line
     pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
-    line = complaint("calibrate", "response", *pictures, "--plot", tmp_path / "p.png")
+    line = complaint(run("calibrate", "response", *pictures, "--plot", tmp_path / "p.png"))
     assert 'pip install "blurmatte[plot]"' in line
     one = bracket / "1.png"  # needs a region: the plot is refused before the picture is read
-    line = complaint("calibrate", "noise", one, "--plot", tmp_path / "p.png")
+    line = complaint(run("calibrate", "noise", one, "--plot", tmp_path / "p.png"))
     assert 'pip install "blurmatte[plot]"' in line

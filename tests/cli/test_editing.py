@@ -4,32 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import complaint, good, run
 
 import blurmatte as bm
-from blurmatte.cli import app, pictures
+from blurmatte.cli import pictures
 from blurmatte.cli.rows import is_row
 from blurmatte.rendering import colorful_plate
 
 SIZE = (96, 64)
-
-
-def run(*args):
-    return CliRunner().invoke(app, [str(arg) for arg in args])
-
-
-def good(*args):
-    result = run(*args)
-    assert result.exit_code == 0, result.output
-    return result
-
-
-def complaint(result):
-    """The one line that says what is wrong."""
-    assert result.exit_code == 2, result.output
-    (line,) = result.stderr.splitlines()
-    assert line.startswith("blurmatte: ")
-    return line
 
 
 def codes(path):

@@ -7,10 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import run
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.rendering import colorful_plate
 
 LENGTH, RADIUS = np.hypot(44, 14), 9
@@ -44,10 +43,6 @@ def measure(folder):
 def locate(folder):
     """Run `blurmatte locate` on the layer."""
     return lambda *options: run("locate", folder / "layer.exr", *options)
-
-
-def run(*arguments):
-    return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
 def test_measure_prints_sentences(measure):
@@ -205,7 +200,7 @@ def test_measures_layer_in_folder_of_results(folder, measure):
 
 def test_refuses_file_without_solution(folder):
     """Door."""
-    result = CliRunner().invoke(app, ["measure", str(folder / "image.png")])
+    result = run("measure", folder / "image.png")
     assert result.exit_code == 2
     assert "image.png" in result.stderr
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import run
 from tests.scenes.texts import BALL
-from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.cli.output_checks import check_ending
 
 # Of files that are not there: only what is looked at first can be complained of.
@@ -51,7 +50,7 @@ def test_refuses_output_before_reading(words, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").write_text("mine")
     (tmp_path / "folder.json").mkdir()
-    result = CliRunner().invoke(app, words)
+    result = run(*words)
     (line,) = result.stderr.splitlines()
     assert (result.exit_code, result.stdout) == (2, "")
     assert said in line
@@ -98,7 +97,7 @@ def test_refuses_output_that_is_read(words, said, tmp_path, monkeypatch):
     (tmp_path / "zero.png").symlink_to("/dev/zero")
     os.mkfifo(tmp_path / "pipe")
     before = {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
-    result = CliRunner().invoke(app, words)
+    result = run(*words)
     (line,) = result.stderr.splitlines()
     assert (result.exit_code, result.stdout) == (2, "")
     assert said in line
@@ -121,7 +120,7 @@ def test_refuses_absurd_scenes_before_rendering(old, new, said, tmp_path):
     """Door."""
     (tmp_path / "s.toml").write_text(BALL.replace(old, new))
     words = "render", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o")
-    result = CliRunner().invoke(app, words)
+    result = run(*words)
     (line,) = result.stderr.splitlines()
     assert (result.exit_code, result.stdout) == (2, "")
     assert said in line
@@ -136,7 +135,7 @@ def test_a_named_scene_may_be_rendered_into_a_folder_of_its_name(tmp_path, monke
     (named / "easy.toml").write_text(BALL)
     monkeypatch.setattr("blurmatte.scenes.reading._NAMED", named)
     for _ in range(2):
-        result = CliRunner().invoke(app, ("render", "easy", "--out", "easy"))
+        result = run("render", "easy", "--out", "easy")
         assert (result.exit_code, result.stderr) == (0, "")
     assert (tmp_path / "easy" / "image.png").exists()
 

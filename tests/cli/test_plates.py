@@ -3,17 +3,12 @@
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import run
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.rendering import colorful_plate
 
 av = pytest.importorskip("av")
-
-
-def run(*args):
-    return CliRunner().invoke(app, [str(arg) for arg in args])
 
 
 def save_clip(path, lights):

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.commands import complaint, good, run
 
 import blurmatte as bm
-from blurmatte.cli import app, sharpening
+from blurmatte.cli import sharpening
 from blurmatte.radiometry import Meta
 from blurmatte.rendering import colorful_plate
 from blurmatte.rendering.pose import Change
@@ -18,22 +18,6 @@ from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
 
 SIZE = (72, 48)
-
-
-def run(*args):
-    return CliRunner().invoke(app, [str(arg) for arg in args])
-
-
-def good(*args):
-    result = run(*args)
-    assert result.exit_code == 0, result.output
-    return result
-
-
-def refused(*args):
-    result = run(*args)
-    assert result.exit_code == 2, result.output
-    return result.stderr
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +83,7 @@ def test_several_layers_are_one_clip(folder, tmp_path):
     good("sharpen", tmp_path / "*/layer.exr", "-o", tmp_path / "row.##.exr")
     assert len(list(tmp_path.glob("row.*.exr"))) == 2
     sheet = "--sheet", tmp_path / "sheet.png"
-    assert "one layer" in refused("sharpen", tmp_path / "*/layer.exr", *sheet, "-o", "a.mov")
+    assert "one layer" in complaint(run("sharpen", tmp_path / "*/layer.exr", *sheet, "-o", "a.mov"))
 
 
 def test_clips_without_alpha_show_the_moments_over_the_plate(folder, tmp_path):
@@ -128,13 +112,13 @@ def test_pictures_refine_the_path_and_are_behind_a_gif(folder, tmp_path):
 
 def test_wrong_calls_are_refused(folder, tmp_path):
     layer = folder / "layer.exr"
-    assert "--frames" in refused("sharpen", layer, "--frames", 0, "-o", tmp_path / "a.exr")
-    assert "no alpha" in refused("sharpen", layer, "--frames", 2, "-o", tmp_path / "a.gif")
-    assert "--plate" in refused(
-        "sharpen", layer, "--image", folder / "image.png", "-o", tmp_path / "a.exr"
+    assert "--frames" in complaint(run("sharpen", layer, "--frames", 0, "-o", tmp_path / "a.exr"))
+    assert "no alpha" in complaint(run("sharpen", layer, "--frames", 2, "-o", tmp_path / "a.gif"))
+    assert "--plate" in complaint(
+        run("sharpen", layer, "--image", folder / "image.png", "-o", tmp_path / "a.exr")
     )
-    assert "no shape on a path" in refused(
-        "sharpen", folder / "no_sweep.exr", "-o", tmp_path / "a.exr"
+    assert "no shape on a path" in complaint(
+        run("sharpen", folder / "no_sweep.exr", "-o", tmp_path / "a.exr")
     )
 
 
@@ -179,11 +163,11 @@ def test_a_spin_in_words():
 
 def test_a_spin_needs_pictures(folder, tmp_path):
     out = ("-o", tmp_path / "ball.exr")
-    assert "--spin needs --image" in refused(
-        "sharpen", folder / "layer.exr", "--spin", "auto", *out
+    assert "--spin needs --image" in complaint(
+        run("sharpen", folder / "layer.exr", "--spin", "auto", *out)
     )
-    assert "must be none, auto, measure" in refused(
-        "sharpen", folder / "layer.exr", "--spin", "maybe", *out
+    assert "must be none, auto, measure" in complaint(
+        run("sharpen", folder / "layer.exr", "--spin", "maybe", *out)
     )
     assert not (tmp_path / "ball.exr").exists()
 
@@ -193,6 +177,6 @@ def test_a_spin_needs_texture(folder, tmp_path):
     out = ("-o", tmp_path / "ball.exr")
     pictures = ("--image", folder / "plate.png", "--plate", folder / "plate.png")
     out = ("--spin", "measure", *out)
-    said = refused("sharpen", folder / "layer.exr", *pictures, "--match", "none", *out)
+    said = complaint(run("sharpen", folder / "layer.exr", *pictures, "--match", "none", *out))
     assert len(said.splitlines()) <= 3
     assert not (tmp_path / "ball.exr").exists()

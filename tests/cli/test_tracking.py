@@ -8,11 +8,10 @@ from functools import partial
 import numpy as np
 import pytest
 from PIL import Image
+from tests import commands
 from tests.motion.clip.sightings import sighted
-from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.motion import Workers
 from blurmatte.motion.clip import steps
 from blurmatte.motion.clip.summary import KnownQuantities, clip_table
@@ -42,7 +41,7 @@ def folder(tmp_path_factory):
 def run(folder, *options):
     """Run `blurmatte track` on the pictures."""
     given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb", *options]
-    return CliRunner().invoke(app, ["track", str(folder / "f*.png"), *map(str, given)])
+    return commands.run("track", folder / "f*.png", *given)
 
 
 @pytest.fixture

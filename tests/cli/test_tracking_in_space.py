@@ -6,10 +6,9 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests import commands
 
 import blurmatte as bm
-from blurmatte.cli import app
 from blurmatte.rendering import colorful_plate, render_flight
 
 SIZE, RATE, EXPOSURE, RADIUS, FRAMES = (240, 180), 60, 1 / 120, 0.02, 6
@@ -46,7 +45,7 @@ def track(folder):
     def run(*options, camera="cam.json"):
         given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb"]
         given += ["--camera", folder / camera, *options]
-        return CliRunner().invoke(app, ["track", str(folder / "f*.png"), *map(str, given)])
+        return commands.run("track", folder / "f*.png", *given)
 
     return run
 

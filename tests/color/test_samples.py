@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
 from blurmatte.color import ColorModel, core_colors, pick_colors
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, plain_plate
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory
 
@@ -16,7 +17,7 @@ def photos(length, plate, noise=NOISE):
     """A noisy picture of a ball of radius 20 that moves by `length` pixels, plate and true alpha."""
     rng = np.random.default_rng(7)
     path = Trajectory.line((90 - length / 2, 60), (90 + length / 2, 62))
-    truth = render(Scene(plate, path, Ball(20, PAINT)))
+    truth = rendered(Scene(plate, path, Ball(20, PAINT)))
     image, empty = (
         LinearImage(add_noise(light, noise, rng), noise)
         for light in (truth.image.rgb, truth.plate.rgb)

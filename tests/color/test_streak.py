@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.color import (
@@ -26,7 +27,6 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Sheet,
-    Shot,
     colorful_plate,
     plain_plate,
     render,
@@ -440,11 +440,9 @@ def test_bounded_cost_has_the_expected_spread_for_normal_residuals():
 def compressed(width, seed=0):
     """Image and plate of an object of a given width, and its mask."""
     scene = Scene(colorful_plate(SIZE_OF_FILE, seed, tile=18), PATH, Sheet(20, width, GREEN))
-    truth = render(scene, 120)
     camera = Camera(code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
-    shot = Shot(scene, camera, plate_frames=5, seed=seed)
-    image, plate = with_noise(*shot.photograph(truth))
-    return image, plate, Streak(truth.layer.alpha > 0)
+    image, plate = with_noise(*photographed(scene, camera, seed, 5, substeps=120))
+    return image, plate, Streak(rendered(scene, 120).layer.alpha > 0)
 
 
 def off(model):

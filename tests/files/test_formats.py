@@ -10,11 +10,10 @@ import numpy as np
 import pillow_heif
 import pytest
 from PIL import Image
+from tests.commands import run
 from tests.files.conftest import para, profile_bytes, write_dng
-from typer.testing import CliRunner
 
 from blurmatte import formats
-from blurmatte.cli import app
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_frames, write, write_changed
 from blurmatte.formats import FORMATS, Holds, format_at, is_clip, pictures_in, recognized
@@ -235,7 +234,7 @@ def test_a_command_for_clips_says_that_a_picture_is_one(tmp_path, codes, command
         asked += ["--frames", "0:2"]
     if command == "track":
         asked[-1] = tmp_path / "o.csv"
-    result = CliRunner().invoke(app, list(map(str, asked)))
+    result = run(*asked)
     assert result.exit_code == 2
     assert "a.webp: give a clip, or several pictures; it is one picture (WebP)" in result.stderr
 

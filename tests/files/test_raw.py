@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import rawpy
 from numpy.testing import assert_allclose
-from typer.testing import CliRunner
+from tests.commands import run
 
 from blurmatte.calibration import fit_noise
-from blurmatte.cli import app
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError, PlateError
 from blurmatte.files import read, read_layer, read_solution, write
@@ -349,7 +348,7 @@ def test_hex_color_is_converted_to_camera_colors(solved):
 
 def called(*arguments):
     """Exit code and output of a command."""
-    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    done = run(*arguments)
     return done.exit_code, done.output
 
 

@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.matting import PixelMaps, Quality, solve
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, plain_plate
 from blurmatte.trajectory import Trajectory
 
 SHAPE = (30, 40)
@@ -82,8 +83,8 @@ def test_clipped_highlight_is_filled_in_the_layer():
     scene = Scene(
         plain_plate((128, 96), (0.3, 0.33, 0.36), 5), Trajectory.line((59, 48), (69, 48)), body
     )
-    truth = render(scene)
-    image, plate = Shot(scene, Camera(code_std=1 / 255), seed=3).photograph(truth)
+    truth = rendered(scene)
+    image, plate = photographed(scene, Camera(code_std=1 / 255), 3, plate_frames=1)
     solution = solve(image, plate)
     blown = image.clipped.all(axis=-1) & (truth.layer.alpha > 0.9)
     assert np.count_nonzero(blown) > 3

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Smooth, solve
@@ -18,9 +19,7 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Sheet,
-    Shot,
     plain_plate,
-    render,
     two_hue_plate,
 )
 from blurmatte.trajectory import Trajectory
@@ -60,18 +59,28 @@ def test_light_before_black_determines_alpha():
     assert_allclose((pull / information)[DARK], 0.5, atol=2e-3)
 
 
-@pytest.mark.parametrize("scatter", [0.0, 0.1])
-def test_std_covers_a_change_of_brightness_at_the_stripe(scatter):
-    """Honest: mean over the stripe, if the brightness there differs from that around it."""
+def scores_of_stripe(scatter):
+    """Error of the mean alpha over the stripe, over its std, if brightness varies by this share."""
     scores = []
-    for seed in range(24):
+    for seed in range(48):
         phase, angle = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2)
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 25.0
         brightness = 1 + scatter * np.sin(np.cos(angle) * x + np.sin(angle) * y + phase)
         before, own = evidence_at(0.4, seed, brightness)
         information, pull = (values[DARK] for values in with_brightness(before, *own))
         scores.append((pull.sum() / information.sum() - 0.4) * np.sqrt(information.sum()))
-    assert 0.1 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    return scores
+
+
+@pytest.mark.parametrize("scatter", [0.05, 0.1])
+def test_std_covers_a_change_of_brightness_at_the_stripe(scatter):
+    """Honest: if the brightness there differs from that around it."""
+    assert 0.8 < np.sqrt(np.mean(np.square(scores_of_stripe(scatter)))) < 1.25
+
+
+def test_std_is_conservative_if_the_brightness_does_not_change():
+    """Honest, and not much too large: noise alone is taken for a small change."""
+    assert 0.5 < np.sqrt(np.mean(np.square(scores_of_stripe(0.0)))) < 0.8
 
 
 @pytest.mark.parametrize("contrast", [0.0, 0.1])
@@ -129,13 +138,13 @@ def test_errors_before_a_black_stripe_are_calibrated():
     plate[:, 70:90] = 0.002
     way = Trajectory.line((60, 60), (104, 70))
     scene = Scene(plate, way, Sheet(50, 10, COLOR), Change(spin=(0, 0, 2)))
-    truth, errors, scores = render(scene, 120), [], []
+    truth, errors, scores = rendered(scene, 120), [], []
     dark = np.zeros(size[::-1], bool)
     dark[:, 72:88] = True
     dark &= truth.layer.alpha > 0.02
     for seed in range(2):
-        shot = Shot(scene, Camera(code_std=2 / 255), plate_frames=5, seed=seed)
-        solution = solve(*shot.photograph(truth), truth.model, Smooth())
+        pictures = photographed(scene, Camera(code_std=2 / 255), seed, 5, substeps=120)
+        solution = solve(*pictures, truth.model, Smooth())
         errors.append((solution.alpha - truth.layer.alpha)[dark])
         scores.append(errors[-1] / solution.alpha_std[dark])
     assert np.sqrt(np.mean(np.square(errors))) < 0.03
@@ -181,8 +190,10 @@ def test_alpha_is_zero_where_the_light_is_that_of_the_plate(wrong):
     assert np.median(information[BESIDE]) > 1 / 0.03**2
 
 
-def test_std_covers_a_change_of_the_mixture():
-    """Honest: means of patches, if the mixture there differs from that around them."""
+def test_std_is_conservative_if_the_mixture_changes():
+    """Honest: means of patches, if the mixture there differs from that around them. The error of the
+    mean color counts as common to its neighborhood, although it varies in it.
+    """
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 6.0
     scores = []
     for seed in range(12):
@@ -194,7 +205,7 @@ def test_std_covers_a_change_of_the_mixture():
             for values in with_mixture(before, *own)
         )
         scores.append((pull / information - 0.4) * np.sqrt(information))
-    assert 0.2 < np.sqrt(np.mean(np.square(scores))) < 1.4
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 0.8
 
 
 def test_no_information_if_colors_scatter_around_the_plate():
@@ -224,9 +235,9 @@ def test_errors_of_a_ball_before_a_plate_between_its_paints_are_calibrated():
     path = Trajectory.line((80, 75), (140, 90))
     body = Ball(18, ORANGE, second_color=BLUE)
     scene = Scene(plate, path, body, Change(spin=(1.0, 0.5, 0.0)))
-    truth = render(scene)
-    image, plate_image = Shot(scene, Camera(code_std=2 / 255), seed=1).photograph(truth)
-    solution = solve(image, plate_image, truth.model, Smooth())
+    truth = rendered(scene)
+    pictures = photographed(scene, Camera(code_std=2 / 255), 1, plate_frames=1)
+    solution = solve(*pictures, truth.model, Smooth())
     true = truth.layer.alpha
     alpha = np.where(solution.streak, solution.alpha, 0)
     assert np.sqrt(np.mean((alpha - true)[true > 0] ** 2)) < 0.05

@@ -75,8 +75,10 @@ def test_alpha_and_light_agree_with_slow_algebra():
         assert np.allclose(maps.premultiplied[y, x], P, atol=1e-6)
 
 
-@pytest.mark.parametrize("model", [LINE, PLANE])
-def test_errors_at_edges_are_honest(model):
+@pytest.mark.parametrize(("model", "least", "most"), [(LINE, 0.75, 1.1), (PLANE, 1.1, 1.5)])
+def test_errors_at_edges_are_honest_for_a_line_and_40_percent_too_small_for_a_plane(
+    model, least, most
+):
     """Honest: a plate that is off by part of a pixel in one direction; half of its edges fit."""
     z = []
     for seed in range(5):
@@ -85,7 +87,7 @@ def test_errors_at_edges_are_honest(model):
         maps = solved(image, plate, model, mixed)
         at = mixed.edges & (ALPHA > 0)
         z += list(((maps.alpha - ALPHA) / maps.alpha_std)[at])
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
+    assert least < np.sqrt(np.mean(np.square(z))) < most
 
 
 def test_mixed_plate_reduces_errors_at_edges():

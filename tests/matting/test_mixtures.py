@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.matting import solve
 from blurmatte.matting.mixtures import Mixtures
-from blurmatte.rendering import Camera, Change, Scene, Sheet, Shot, plain_plate, render
+from blurmatte.rendering import Camera, Change, Scene, Sheet, plain_plate
 from blurmatte.trajectory import Trajectory
 
 RED, BLUE, GRAY = np.array([0.6, 0.06, 0.05]), np.array([0.1, 0.2, 0.7]), np.full(3, 0.45)
@@ -101,9 +102,8 @@ def test_stick_that_turns_about_its_end_has_the_color_of_its_pivot():
     path = Trajectory((45, 70) + length / 2 * along, time)
     change = Change(turned=(0, 0, turned[0]), spin=(0, 0, 0.9))
     scene = Scene(plain_plate(size, GRAY, 0), path, Sheet(length, 12, RED), change)
-    truth = render(scene)
-    camera = Camera(code_std=2 / 255)
-    solution = solve(*Shot(scene, camera, plate_frames=5, seed=0).photograph(truth))
+    solution = solve(*photographed(scene, Camera(code_std=2 / 255), plate_frames=5, substeps=None))
+    truth = rendered(scene, None)
     off = solution.alpha - truth.layer.alpha
     assert np.sqrt(np.mean(off[truth.layer.alpha > 0] ** 2)) < 0.05
     assert angle(solution.model.mean, RED) < 5

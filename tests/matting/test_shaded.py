@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.scenes import photographed, rendered
 
 import blurmatte as bm
 from blurmatte.color import ColorModel
@@ -14,9 +15,7 @@ from blurmatte.rendering import (
     Camera,
     Scene,
     Shadow,
-    Shot,
     colorful_plate,
-    render,
     two_hue_plate,
 )
 from blurmatte.trajectory import Trajectory
@@ -35,9 +34,7 @@ def rendering(strength):
     plate = colorful_plate(SIZE, np.random.default_rng(2))
     path = bm.Trajectory.line((60, 50), (95, 65))
     shadow = Shadow((6, 14), 3.0, tuple(strength))
-    return bm.rendering.render(
-        bm.rendering.Scene(plate, path, bm.rendering.Ball(14, LIGHT), shadow=shadow)
-    )
+    return rendered(bm.rendering.Scene(plate, path, bm.rendering.Ball(14, LIGHT), shadow=shadow))
 
 
 COLORED, GRAY = rendering(STRENGTH), rendering((0.5, 0.5, 0.5))
@@ -153,8 +150,8 @@ def test_rejects_wrong_arguments():
 
 
 def solved(scene, solver):
-    truth = render(scene)
-    image, plate = Shot(scene, Camera(code_std=1 / 255), seed=1).photograph(truth)
+    truth = rendered(scene)
+    image, plate = photographed(scene, Camera(code_std=1 / 255), 1, plate_frames=1)
     return truth, solve(image, plate, GIVEN_COLOR, solver)
 
 

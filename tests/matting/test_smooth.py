@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
@@ -17,10 +18,8 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Sheet,
-    Shot,
     colorful_plate,
     plain_plate,
-    render,
     star_sprite,
     textured_plate,
 )
@@ -50,17 +49,15 @@ BODIES = {
 
 
 @cache
-def rendered(body, plate):
+def scene_of(body, plate):
     thing, change = BODIES[body]
-    return render(Scene(PLATES[plate], WAY, thing, change), 200)
+    return Scene(PLATES[plate], WAY, thing, change)
 
 
 def taken(body, plate, seed=0, camera=CAMERA):
     """The truth, image and plate."""
-    truth = rendered(body, plate)
-    thing, change = BODIES[body]
-    scene = Scene(PLATES[plate], WAY, thing, change)
-    return truth, *Shot(scene, camera, plate_frames=5, seed=seed).photograph(truth)
+    scene = scene_of(body, plate)
+    return rendered(scene), *photographed(scene, camera, seed, 5)
 
 
 def rmse(solution, truth):
@@ -172,11 +169,11 @@ def test_errors_of_any_colors_before_a_plain_plate_are_large():
     assert np.mean(inside[truth.layer.alpha > 0]) > 0.8
     off = (solution.alpha - truth.layer.alpha)[inside]
     claimed = np.hypot(solution.alpha_std, solution.stats.alpha_scale_std * solution.alpha)
-    assert 0.5 < np.sqrt(np.mean(off**2) / np.mean(claimed[inside] ** 2)) < 2
+    assert 0.8 < np.sqrt(np.mean(off**2) / np.mean(claimed[inside] ** 2)) < 1.25
 
 
 def test_exact_pictures_give_the_closed_form():
-    truth = rendered("ball", "colorful")
+    truth = rendered(scene_of("ball", "colorful"))
     together, alone = (
         solve(truth.image, truth.plate, truth.model, s) for s in (Smooth(), Pixelwise())
     )
@@ -184,10 +181,10 @@ def test_exact_pictures_give_the_closed_form():
     assert_allclose(together.alpha[across], alone.alpha[across], atol=1e-4)
 
 
-def test_the_sum_has_no_bias():
-    """Honest: over draws of noise, within its standard error."""
+def test_the_sum_has_no_bias_and_a_conservative_error():
+    """Honest: over draws of noise; the error is calibrated on harder scenes than this one."""
     biases, scores = [], []
-    for seed in range(8):
+    for seed in range(16):
         truth, image, plate = taken("ball", "colorful", seed)
         stats = solve(image, plate, truth.model, Smooth()).stats
         off = stats.sum_alpha - truth.layer.alpha.sum()
@@ -195,7 +192,7 @@ def test_the_sum_has_no_bias():
         scores.append(off / stats.sum_alpha_std)
     assert abs(np.mean(biases)) < 0.01
     assert np.std(biases) < 0.02
-    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.8
+    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1
 
 
 def test_larger_strength_gives_smoother_alpha():

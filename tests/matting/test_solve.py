@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from tests.scenes import photographed, rendered
 
 from blurmatte.background import Matching, make_plate
 from blurmatte.calibration import with_noise
@@ -359,9 +360,8 @@ def answers():
     """(truth, solution) of each scene, from the pictures alone."""
     found = {}
     for seed, (name, scene) in enumerate(RENDERED.items()):
-        truth = render(scene, 160)
-        shot = Shot(scene, Camera(code_std=1 / 255), plate_frames=3, seed=seed)
-        found[name] = truth, solve(*shot.photograph(truth))
+        pictures = photographed(scene, Camera(code_std=1 / 255), seed, substeps=160)
+        found[name] = rendered(scene, 160), solve(*pictures)
     return found
 
 
@@ -403,7 +403,7 @@ def test_grade_is_that_of_the_claimed_error(answers):
 def small_ball(plate, jpeg=None):
     """(truth, image, plate) of a ball in a small picture."""
     ball = Ball(7.0, np.array([0.6, 0.12, 0.05]))
-    truth = render(Scene(plate, Trajectory.line((26, 30), (66, 40)), ball))
+    truth = rendered(Scene(plate, Trajectory.line((26, 30), (66, 40)), ball))
     return truth, *Shot(truth.scene, Camera(code_std=1 / 255, jpeg_quality=jpeg)).photograph(truth)
 
 
@@ -458,9 +458,8 @@ def test_a_white_ball_before_a_gray_wall_is_found_without_a_color(answers):
 def test_a_black_ball_is_solved_as_assumed():
     """honest: it may be a shadow; a sharp rim does not exclude it."""
     scene = Scene(GRAY, LINE, BLACK)
-    truth = render(scene, 160)
-    shot = Shot(scene, Camera(code_std=1 / 255), plate_frames=3, seed=0)
-    solution = solve(*shot.photograph(truth))
+    truth = rendered(scene, 160)
+    solution = solve(*photographed(scene, Camera(code_std=1 / 255), substeps=160))
     assert solution.stats.may_be_shadow
     assert solution.grade is Grade.ASSUMED
     assert solution.stats.grade_reasons[0] == "shadow"
@@ -470,9 +469,7 @@ def test_a_black_ball_is_solved_as_assumed():
 
 def test_the_result_is_deterministic(answers):
     """invariant: nothing is random."""
-    scene = RENDERED["one hue"]
-    truth = render(scene, 160)
-    pictures = Shot(scene, Camera(code_std=1 / 255), plate_frames=3, seed=1).photograph(truth)
+    pictures = photographed(RENDERED["one hue"], Camera(code_std=1 / 255), 1, substeps=160)
     again, (_, first) = solve(*pictures), answers["one hue"]
     assert_array_equal(again.alpha, first.alpha)
     assert_array_equal(again.alpha_std, first.alpha_std)
@@ -685,7 +682,7 @@ WALLS = {
 @pytest.mark.parametrize("wall", WALLS)
 def test_correct_order_does_not_warn(wall, color):
     for end in ((140, 90), (70, 50)):
-        scene = render(Scene(WALLS[wall], Trajectory.line((50, 40), end), Ball(14, color)))
+        scene = rendered(Scene(WALLS[wall], Trajectory.line((50, 40), end), Ball(14, color)))
         for code_std, plate_part in ((0.3, 0), (2, 1)):
             pictures = with_noise(*taken(scene, 5, code_std / 255, plate_part))
             streak = find_streaks(*pictures)[0]

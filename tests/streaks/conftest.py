@@ -5,6 +5,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
+from tests.scenes import rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import SRGB, decode
@@ -14,7 +15,6 @@ from blurmatte.rendering import (
     Scene,
     colorful_plate,
     plain_plate,
-    render,
     two_hue_plate,
 )
 from blurmatte.trajectory import Trajectory
@@ -59,8 +59,8 @@ def balls_side_by_side(taken):
     def of(wall, gap, code_std=1):
         path = Trajectory.line((92, 96 + gap), (132, 96 + gap))
         first = Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, (0.9, 0.5, 0.1)))
-        one = render(first)
-        two = render(Scene(one.image.rgb, path, Ball(7, (0.1, 0.3, 0.9))))
+        one = rendered(first)
+        two = rendered(Scene(one.image.rgb, path, Ball(7, (0.1, 0.3, 0.9))))
         return one, two, with_noise(*taken(two.image.rgb, wall, code_std, 1))
 
     return of

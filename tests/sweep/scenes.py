@@ -6,10 +6,12 @@ from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
+from tests import scenes
+from tests.scenes import rendered as rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior
@@ -53,17 +55,10 @@ FLAT_BEFORE_TILES = {family: replace(scene, plate=TILES) for family, scene in FL
 BALL = BALLS[LINE]
 
 
-@cache
-def rendered(scene):
-    """The truth of a scene."""
-    return render(scene, 200)
-
-
 @lru_cache(maxsize=64)
 def photographed(scene, seed=0, camera=CAMERA):
     """Image and plate of known noise; the plate is the median of three pictures."""
-    shot = Shot(scene, camera, plate_frames=3, seed=seed)
-    return with_noise(*shot.photograph(rendered(scene)))
+    return with_noise(*scenes.photographed(scene, camera, seed))
 
 
 def observed(scene, seed=0, camera=CAMERA, color=NEUTRAL):

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -12,10 +13,8 @@ from blurmatte.rendering import (
     Camera,
     Scene,
     Shadow,
-    Shot,
     colorful_plate,
     plain_plate,
-    render,
     textured_plate,
 )
 from blurmatte.streaks import Streak, find_streaks
@@ -35,17 +34,17 @@ PATH = Trajectory.line((60, 48), (120, 66))
 
 
 @cache
-def rendered(plate, strength):
+def scene_of(plate, strength):
     """A ball, and its shadow unless it has no strength."""
     shadow = Shadow((8, 22), strength=(strength,) * 3) if strength else None
-    return render(Scene(PLATES[plate], PATH, Ball(13, GREEN), shadow=shadow), 160)
+    return Scene(PLATES[plate], PATH, Ball(13, GREEN), shadow=shadow)
 
 
 def taken(plate, seed=0, strength=0.5):
     """The truth, image and plate."""
-    truth = rendered(plate, strength)
-    shot = Shot(truth.scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
-    return truth, *with_noise(*shot.photograph(truth))
+    scene = scene_of(plate, strength)
+    pictures = photographed(scene, Camera(code_std=1.5 / 255), seed, substeps=160)
+    return rendered(scene, 160), *with_noise(*pictures)
 
 
 def light_of(truth):
@@ -97,12 +96,11 @@ def test_darkness_finds_the_shadow_without_a_color(plate):
 @pytest.mark.parametrize("seed", range(4))
 def test_compression_noise_is_no_shadow(seed):
     """Honest: its noise is correlated over many pixels."""
-    truth = render(Scene(plain_plate(SIZE, (0.3, 0.33, 0.36), seed), PATH, Ball(10, ORANGE)))
+    scene = Scene(plain_plate(SIZE, (0.3, 0.33, 0.36), seed), PATH, Ball(10, ORANGE))
     camera = Camera(code_std=1 / 255, jpeg_quality=95, chroma="4:2:0")
-    shot = Shot(truth.scene, camera, plate_frames=5, seed=seed)
-    image, without = with_noise(*shot.photograph(truth))
+    image, without = with_noise(*photographed(scene, camera, seed, 5))
     streak = find_streaks(image, without)[0]
-    assert not cast_shadow_mask(image, without, streak, *light_of(truth)).any()
+    assert not cast_shadow_mask(image, without, streak, *light_of(rendered(scene))).any()
 
 
 def test_noise_is_no_shadow():

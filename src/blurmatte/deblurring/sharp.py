@@ -200,17 +200,17 @@ def deblur(
     -------
     Sharp
 
-    Warns
-    -----
-    BlurmatteWarning
-        If a sweep has a `rejection`, the residuals have more than twice the variance of the noise, or a
-        spin that was searched for is not certain.
-
     Raises
     ------
     TypeError, ValueError
         If an argument is something else, numbers or sizes differ, or there is a spin and several
         pictures, or no ball.
+
+    Warns
+    -----
+    BlurmatteWarning
+        If a sweep has a `rejection`, the residuals have more than twice the variance of the noise, or a
+        spin that was searched for is not certain.
     """
     if isinstance(spin, str) and spin != "auto":
         raise ValueError(f'spin must be a Spin, "auto" or None, got {spin!r}')

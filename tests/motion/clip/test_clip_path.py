@@ -69,8 +69,10 @@ def test_curve_through_noiseless_frames_gives_their_ends_back():
 
 
 @pytest.mark.parametrize("path", [fall, circle, bounce])
-def test_errors_of_predictions_are_as_stated(path):
-    """Honest: of ends and middle, each frame from the others."""
+def test_errors_of_predictions_are_conservative(path):
+    """Honest: of ends and middle, each frame from the others. The path may be less smooth than these,
+    and errors have a Student distribution: they are about 0.7 of those stated.
+    """
     z2 = []
     for seed in range(4):
         found = ClipPath.of(rows_of(path, rng=np.random.default_rng(seed)))
@@ -78,14 +80,14 @@ def test_errors_of_predictions_are_as_stated(path):
             prior = found.prior(k)
             error = (prior.points - ends_of(k, path)).ravel()
             z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
-    assert 0.6 < np.sqrt(np.mean(z2)) < 1.4
+    assert 0.55 < np.sqrt(np.mean(z2)) < 0.9
 
 
 def test_frames_determine_the_exposure():
     """Honest."""
-    found = [ClipPath.of(rows_of(fall, rng=np.random.default_rng(seed))) for seed in range(12)]
+    found = [ClipPath.of(rows_of(fall, rng=np.random.default_rng(seed))) for seed in range(24)]
     z = [(one.exposure - EXPOSURE) / one.exposure_std for one in found]
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
 
 
 def test_path_is_broken_at_a_bounce_only():
@@ -149,7 +151,7 @@ def test_a_mistake_predicts_nothing_and_is_predicted():
 
 
 @pytest.mark.parametrize("count", [3, 4, 6])
-def test_errors_are_as_stated_if_few_frames_show_the_object(count):
+def test_errors_are_conservative_if_few_frames_show_the_object(count):
     """Honest: each from two others or more."""
     z2 = []
     for seed in range(8):
@@ -158,7 +160,7 @@ def test_errors_are_as_stated_if_few_frames_show_the_object(count):
             prior = found.prior(k)
             error = (prior.points - ends_of(k, fall)).ravel()
             z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
-    assert 0.4 < np.sqrt(np.median(z2)) < 1.4
+    assert 0.55 < np.sqrt(np.mean(z2)) < 1
 
 
 def test_tracks_have_curves_of_their_own():

@@ -44,7 +44,7 @@ def test_error_of_prediction_is_as_stated(count):
             for k in (0, count // 2):
                 error = found.states.mean[k, 0] - radii[k]
                 z2.append(error**2 / found.states.covariance[k, 0, 0])
-    assert 0.6 < np.sqrt(np.median(z2) / 0.4549) < 1.4
+    assert 0.75 < np.sqrt(np.median(z2) / 0.4549) < 1.25
 
 
 def test_scatter_beyond_stated_errors_is_added():

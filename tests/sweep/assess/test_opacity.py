@@ -56,7 +56,7 @@ def test_errors_are_honest(opacity, contrast):
     found = [fit_opacity(state(opacity, contrast, 0.006, seed)) for seed in range(40)]
     z = np.array([(one.value - opacity) / one.std for one in found])
     assert abs(z.mean()) < 0.5
-    assert 0.7 < z.std() < 1.4
+    assert 0.8 < z.std() < 1.25
     assert np.median([one.std for one in found]) < 0.1
 
 

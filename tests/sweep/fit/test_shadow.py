@@ -1,11 +1,11 @@
 """A disc and its cast shadow: joint search, and comparison with a disc alone."""
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import photographed, rendered
 from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 
 from blurmatte.calibration import with_noise
@@ -15,9 +15,7 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Shadow,
-    Shot,
     plain_plate,
-    render,
     textured_plate,
 )
 from blurmatte.streaks import Streak
@@ -39,21 +37,16 @@ SHADOW = Shadow((-9.0, 15.0), softness=3.5, strength=(0.5, 0.45, 0.4))
 BALL = Scene(WALL, PATH, Ball(RADIUS, GREEN, ambient=1.0), shadow=SHADOW)
 
 
-@cache
-def rendered(scene):
-    return render(scene, 160)
-
-
 def observed(scene, seed=None):
     """Alpha and observation of a streak with its shadow, without noise if there is no seed."""
-    truth = rendered(scene)
+    truth = rendered(scene, 160)
     moved = truth.layer.alpha > 0
     if scene.shadow is not None:
         moved |= truth.shadow.max(axis=-1) > 0.002
     if seed is None:
         pictures = (x.with_noise(NoiseModel(read_std=1e-3)) for x in (truth.image, truth.plate))
     else:
-        pictures = with_noise(*Shot(scene, CAMERA, plate_frames=3, seed=seed).photograph(truth))
+        pictures = with_noise(*photographed(scene, CAMERA, seed, substeps=160))
     observation = observation_around(Streak(moved), 8, *pictures, ONE_PAINT)
     return within(observation, truth.layer.alpha), observation
 
