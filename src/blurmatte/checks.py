@@ -11,8 +11,6 @@ from typing import Any, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.formats import MAX_PIXELS as MAX_PIXELS
-
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
 Floats32 = npt.NDArray[np.float32]

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import (
-    MAX_PIXELS,
     Array,
     Box,
     Floats,
@@ -26,6 +25,7 @@ from blurmatte.checks import (
     enclosing,
     rows_columns,
 )
+from blurmatte.formats import MAX_PIXELS
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
 

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import MAX_PIXELS, Floats
+from blurmatte.checks import Floats
 from blurmatte.errors import FileError
-from blurmatte.formats import HEAD_BYTES, JPEG, Format, Holds, recognized
+from blurmatte.formats import HEAD_BYTES, JPEG, MAX_PIXELS, Format, Holds, recognized
 
 VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # extra channels of an EXR
 _PATTERN = re.compile(r"%\d*d|[*?{\[]")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
 
-from blurmatte.checks import MAX_PIXELS, Codes8, check_kind
+from blurmatte.checks import Codes8, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
@@ -36,7 +36,7 @@ from blurmatte.files.sequences import (
     source_paths,
 )
 from blurmatte.files.writing import write
-from blurmatte.formats import EXR, Writes, format_at, is_clip, written
+from blurmatte.formats import EXR, MAX_PIXELS, Writes, format_at, is_clip, written
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.compression import CodingErrors

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, Bools, check_map, check_same_size
+from blurmatte.checks import Bools, check_map, check_same_size
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
@@ -29,7 +29,7 @@ from blurmatte.files.metadata import (
 from blurmatte.files.raster import Raster, as_stored, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
-from blurmatte.formats import EXR, JPEG, RAW, Writes, written
+from blurmatte.formats import EXR, JPEG, MAX_PIXELS, RAW, Writes, written
 from blurmatte.jpeg import JpegError, jpeg_bytes, metadata_segments, read_jpeg, replace_blocks
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer

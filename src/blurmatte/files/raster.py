@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS, Bools, Codes8, Direction, Floats32
+from blurmatte.checks import Bools, Codes8, Direction, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import (
     check_format,
@@ -36,7 +36,7 @@ from blurmatte.files.exr_blocks import distinct_blocks, repeat_blocks, written_r
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.files.silence import silent_libraries
-from blurmatte.formats import BMP, EXR, JPEG, PNG, RAW, TIFF, Format
+from blurmatte.formats import BMP, EXR, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
 from blurmatte.jpeg import JpegError, check_header, metadata_segments
 
 # Other attributes are not read: they may hold text in an unknown encoding.

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blurmatte.checks import MAX_LIGHT, MAX_PIXELS, Bools, Floats, check_kind
+from blurmatte.checks import MAX_LIGHT, Bools, Floats, check_kind
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.errors import check_premultiplied, format_of
@@ -18,7 +18,7 @@ from blurmatte.files.exr import with_exr_parts
 from blurmatte.files.icc import Profile
 from blurmatte.files.raster import Raster, load, readout_of
 from blurmatte.files.raw import read_raw
-from blurmatte.formats import JPEG, RAW
+from blurmatte.formats import JPEG, MAX_PIXELS, RAW
 from blurmatte.jpeg import compression_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry.compression import Compression

@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import MAX_PIXELS
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_json, to_mapping
 from blurmatte.files.exr import changed_header
 from blurmatte.files.models import MODEL, model_to_json, sweep_from_json, sweep_to_json
 from blurmatte.files.raster import Raster, load
+from blurmatte.formats import MAX_PIXELS
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SolutionStats
 
