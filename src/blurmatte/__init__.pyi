@@ -2,7 +2,7 @@
 
 from blurmatte import background as background
 from blurmatte import calibration as calibration
-from blurmatte import checks as checks
+from blurmatte import formats as formats
 from blurmatte import clips as clips
 from blurmatte import color as color
 from blurmatte import compositing as compositing
