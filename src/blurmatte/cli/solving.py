@@ -59,9 +59,7 @@ class SolvingOptions:
     solver: Annotated[
         str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
     ] = "auto"
-    seconds: Annotated[
-        float | None, option("S", "CPU time after which no further shape is fitted.")
-    ] = None
+    seconds: Annotated[float | None, option("S", "CPU s after which no new shape is tried.")] = None
 
     @property
     def of_each_picture(self) -> bool:
@@ -102,8 +100,7 @@ def solve(
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
 
-    Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
-    folder; of a clip, frames.csv and layers.
+    Writes layer.exr, overview.png, report.json …; of a clip frames.csv, layers.
     """
     required = _required(require)
     solver, selection = how.solver, Selection(reading, colors, how.region)
