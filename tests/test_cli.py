@@ -577,7 +577,7 @@ def _other_size(path, here):
 
 def _gray(path, here):
     bm.write(path, bm.read(here / "image.png").rgb[..., 1])
-    return "is gray"
+    return "is gray and"
 
 
 def _infinite(value):

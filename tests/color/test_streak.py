@@ -369,9 +369,10 @@ def test_result_is_deterministic(scene):
 
 
 def test_rejects_gray_pictures(scene):
-    _, image, plate = scene
-    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
-        fit_color_from_hues(image, replace(plate, meta=Meta("wall.png", gray=True)))
+    _, *pair = scene
+    image, plate = (replace(p, meta=Meta("wall.png", gray=True)) for p in pair)
+    with pytest.raises(ColorModelError, match=r"wall\.png is gray: colors, and alpha from colors"):
+        fit_color_from_hues(image, plate)
 
 
 def test_rejects_equal_pictures(scene):

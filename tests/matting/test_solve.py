@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.shared_scenes import photographed, rendered
 
 from blurmatte.background import Matching, make_plate
-from blurmatte.calibration import with_noise
+from blurmatte.calibration import fit_noise, with_noise
 from blurmatte.color import ColorModel
 from blurmatte.errors import (
     BlurmatteError,
@@ -562,16 +562,45 @@ def test_rejects_different_sizes(paint):
         solve(paint.image, LinearImage(np.ones((20, 20, 3))))
 
 
-def test_rejects_gray_pictures(paint):
+def test_rejects_a_gray_plate_of_a_picture_in_color(paint):
     gray = LinearImage(paint.plate.rgb, meta=Meta("wall.png", gray=True))
-    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
+    with pytest.raises(PlateError, match="the plate is gray and the image is in color"):
         solve(paint.image, gray)
 
 
-def test_gray_pictures_of_three_channels(paint):
+@pytest.mark.parametrize("how", [{"model": ColorModel.from_hex("#ff8800")}, {"solver": Smooth()}])
+def test_rejects_colors_and_solvers_that_need_them_for_gray_pictures(paint, how):
     gray = [LinearImage(p.rgb[..., [1, 1, 1]], valid=p.valid) for p in (paint.image, paint.plate)]
-    with pytest.raises(ColorModelError, match="is gray: alpha is estimated from color"):
-        solve(*gray)
+    with pytest.raises(ColorModelError, match="is gray: colors, and alpha from colors, need hues"):
+        solve(*gray, **how)
+
+
+@pytest.mark.parametrize("name", ["tiles", "gray on gray"])
+def test_a_gray_picture_tells_place_and_size_within_their_errors_and_confirms_no_alpha(name):
+    """honest"""
+    scene = RENDERED[name]
+    image, plate = photographed(scene, Camera(code_std=0.8 / 255), seed=3)
+    gray = [replace(p, rgb=p.rgb.mean(axis=-1, keepdims=True) * np.ones(3)) for p in (image, plate)]
+    solution, alpha = solve(*gray), rendered(scene).layer.alpha
+    assert solution.stats.grade is not Grade.CONFIRMED
+    assert (
+        root_mean_square((solution.alpha - alpha)[alpha > 0.004]) < 2 * solution.stats.alpha_error
+    )
+    assert abs(solution.sweep.radius - scene.body.radius) < 3 * solution.sweep.radius_std
+    assert_allclose(solution.sweep.trajectory.at([0.5]), scene.trajectory.at([0.5]), atol=1)
+
+
+def test_equal_channels_have_the_noise_of_one(paint):
+    """exact"""
+    rng = np.random.default_rng(0)
+    gray = [LinearImage(p.rgb[..., [1, 1, 1]], valid=p.valid) for p in (paint.image, paint.plate)]
+    gray = [
+        replace(p, rgb=p.rgb + 0.01 * rng.standard_normal(p.valid.shape)[..., None]) for p in gray
+    ]
+    models = fit_noise(*gray)
+    for once in (with_noise(*gray), with_noise(*with_noise(*gray))):
+        for picture, model in zip(once, models, strict=True):
+            assert np.allclose(picture.variance, 3 * model.variance(picture.rgb), rtol=1e-6)
 
 
 def test_numbers_that_overflow_are_no_answer(paint):

@@ -35,7 +35,7 @@ from blurmatte.background.match import Bands, Match, median_light
 from blurmatte.background.warp import IDENTITY_LIGHT
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
+from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.radiometry.image import part_of
 from blurmatte.statistics import robust_std
 
@@ -131,8 +131,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     check_kind("matching", matching, Matching | None, "such as blurmatte.background.Matching.NONE")
-    gray = are_gray(image, plate)  # `solve` rejects these, with the reason
-    if gray or matching is Matching.NONE or min(image.size) < _MIN_SIDE_PX:
+    if matching is Matching.NONE or min(image.size) < _MIN_SIDE_PX:
         return Match.nothing(image.size)
     logging.getLogger("blurmatte").info("matching the plate")
     pyramid = levels(image, plate)

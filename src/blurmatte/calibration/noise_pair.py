@@ -9,7 +9,14 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
-from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.radiometry import (
+    LinearImage,
+    NoiseModel,
+    are_gray,
+    check_picture,
+    counted_once,
+    rounding_noise,
+)
 from blurmatte.radiometry.noise_model import fit_coefficients
 from blurmatte.statistics import MAD_TO_STD
 
@@ -181,16 +188,18 @@ def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, Lin
     Where nothing moves, frames of a clip repeat errors of the codec. Where something does, a frame has
     its own, which no difference shows: they are in its noise as well, at the light of the plate, since
     the errors of its own light would be in its weights.
+
+    The noise of gray pictures counts once (`Meta.one_channel`).
     """
     check_picture("image", image)
     check_picture("plate", plate)
-    if image.noise is not None and plate.noise is not None:
-        return image, plate
-    of_image, of_plate = fit_noise(image, plate)
-    return (
-        image if image.noise is not None else _with_coding(image, of_image, plate),
-        plate if plate.noise is not None else plate.with_noise(of_plate),
-    )
+    if image.noise is None or plate.noise is None:
+        of_image, of_plate = fit_noise(image, plate)
+        image = image if image.noise is not None else _with_coding(image, of_image, plate)
+        plate = plate if plate.noise is not None else plate.with_noise(of_plate)
+    if are_gray(image, plate):
+        return counted_once(image), counted_once(plate)
+    return image, plate
 
 
 def _with_coding(image: LinearImage, noise: NoiseModel, plate: LinearImage) -> LinearImage:

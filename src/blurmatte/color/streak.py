@@ -107,15 +107,12 @@ def check_color_fit(
 
 
 def check_not_gray(image: LinearImage, plate: LinearImage) -> None:
-    """Raise ColorModelError if a file has one channel, or both pictures are gray.
-
-    Alpha is estimated from color.
-    """
+    """Raise ColorModelError if a file has one channel, or both pictures are gray."""
     if are_gray(image, plate):
         gray = [p for p in (image, plate) if p.meta.gray] or [image]
         raise ColorModelError(
-            f"{gray[0].meta.source or 'a picture'} is gray: alpha is estimated from color, so "
-            "image and plate must both have it"
+            f"{gray[0].meta.source or 'a picture'} is gray: colors, and alpha from colors, need hues; "
+            "give pictures in color. Single gray pictures can be solved by shape alone, without a color"
         )
 
 

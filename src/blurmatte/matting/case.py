@@ -175,6 +175,7 @@ class Solver(ABC):
     """Estimates alpha and light of a case. `solve` takes any subclass."""
 
     needs_sweep: ClassVar[bool] = False  #: whether sweeps are fitted where the colors are known
+    takes_gray: ClassVar[bool] = False  #: whether it needs no hues
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES  #: the shapes on paths that are fitted
     seconds: float = math.inf  #: CPU time after which no further shape is fitted
 

@@ -163,12 +163,14 @@ class _WeightedHypotheses:
     def alternatives(
         self, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
     ) -> list[Alternative]:
-        """The listed hypotheses."""
+        """The listed hypotheses; of gray pictures shapes alone, for others know no alpha."""
+        gray = pictures[0].meta.one_channel
         found = [
             one.alternative(weight, estimate, average, pictures, self.box)
             for one, weight, estimate in zip(self.all, self.weights, self.estimates, strict=True)
+            if one.has_shape or not gray
         ]
-        return listed(found, self.scores)
+        return listed(found, self.scores[: len(found)])
 
 
 def shape_log_odds(case: Case) -> tuple[float, float]:
@@ -193,6 +195,7 @@ class Swept(Solver):
     seconds: float = field(default=math.inf, repr=False)
 
     needs_sweep = True
+    takes_gray = True
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Average the sweeps of a case."""
@@ -216,6 +219,7 @@ class Averaged(Solver):
     seconds: float = field(default=math.inf, repr=False)
 
     needs_sweep = True
+    takes_gray = True
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Average the sweeps of a case, and alpha without a shape."""
@@ -239,6 +243,8 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     average = found.with_open_errors(average)
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
+    if fitted.image.meta.one_channel:
+        because = ["gray", *(name for name in because if name != "shape")]
     if found.duration_is_open:
         because = ["duration", *because]
         grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade

@@ -135,7 +135,8 @@ def _check(
         check_map("streak.mask", streak.mask, image.valid.shape, kinds="b")
     check_kind("out", out, PixelMaps | None, "use blurmatte.matting.PixelMaps.empty(height, width)")
     check_kind("start", start, Sweep | None, "use Solution.sweep of another frame")
-    check_not_gray(image, plate)
+    if model is not None or not (solver is None or solver.takes_gray):
+        check_not_gray(image, plate)
 
 
 def _matched(

@@ -54,10 +54,11 @@ class MedianNoise:
 
 
 def noise_of(picture: LinearImage) -> NoiseModel | MedianNoise:
-    """The noise of a picture in a few numbers."""
+    """The noise of a picture in a few numbers, of each of its channels."""
+    part = 1 / 3 if picture.meta.one_channel else 1.0
     if isinstance(picture.noise, NoiseModel):
-        return picture.noise
-    return MedianNoise(float(np.sqrt(np.median(picture.variance))))
+        return picture.noise.times(part)
+    return MedianNoise(float(np.sqrt(part * np.median(picture.variance))))
 
 
 @dataclass(frozen=True, kw_only=True)

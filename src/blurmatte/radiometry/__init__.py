@@ -17,6 +17,7 @@ from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import are_gray as are_gray
 from blurmatte.radiometry.image import check_picture as check_picture
 from blurmatte.radiometry.image import check_same_colors as check_same_colors
+from blurmatte.radiometry.image import counted_once as counted_once
 from blurmatte.radiometry.image import decode as decode
 from blurmatte.radiometry.image import rounding_noise as rounding_noise
 from blurmatte.radiometry.image import smooth_variance as smooth_variance

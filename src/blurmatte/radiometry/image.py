@@ -1,6 +1,7 @@
 """LinearImage: linear light, its noise, and its valid pixels."""
 
 from dataclasses import dataclass, field, replace
+from itertools import permutations
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +71,9 @@ class Meta:
         True if the file is compressed with subsampled chroma, also if the rest is not known.
     coding : FrameCoding or None
         Errors of a frame of a clip by the quantizers of its codec; None if it is none.
+    one_channel : bool
+        True if the three channels are equal and their noise is counted once: each has three times its
+        variance, so that all three together hold the information of one.
     readout : "down", "up", "left" or "right"
         Where the next row of the sensor lies in the picture, which is shown upright: a file turned by
         180° has "up". A rolling shutter exposes rows in this order.
@@ -92,6 +96,7 @@ class Meta:
     subsampled: bool = False
     coding: FrameCoding | None = field(default=None, repr=False, compare=False)
     readout: Direction = "down"
+    one_channel: bool = False
 
     @property
     def sharing(self) -> Compression | None:
@@ -265,6 +270,14 @@ def are_gray(image: LinearImage, plate: LinearImage) -> bool:
     return not flat and all(_equal_channels(p) for p in pictures)
 
 
+def counted_once(picture: LinearImage) -> LinearImage:
+    """A gray picture of known noise as `Meta.one_channel` describes it; the same if it is one."""
+    if picture.meta.one_channel:
+        return picture
+    noise = picture.noise.times(3) if isinstance(picture.noise, Noise) else 3 * picture.variance
+    return replace(picture.with_noise(noise), meta=replace(picture.meta, one_channel=True))
+
+
 def _equal_channels(picture: LinearImage) -> bool:
     """True if the channels are equal, up to the rounding of 16-bit floats."""
     transfer, levels = picture.meta.transfer or LINEAR, picture.meta.levels
@@ -279,13 +292,18 @@ def _equal_channels(picture: LinearImage) -> bool:
 
 
 def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -> None:
-    """Raise PlateError if the metadata of two named pictures say that their light is not comparable.
+    """Raise PlateError if the light of two named pictures is not comparable.
 
-    The primaries, the camera and the number of levels are compared. White balance is not applied to
-    the light, so it may differ.
+    One may not be gray and the other in color. Of the metadata the primaries, the camera and the
+    number of levels are compared. White balance is not applied to the light, so it may differ.
     """
     check_picture(first.removeprefix("the "), a)
     check_picture(second.removeprefix("the "), b)
+    for (name, one), (other, two) in permutations(((first, a), (second, b))):
+        if one.meta.gray and not (two.meta.gray or _equal_channels(two)):
+            raise PlateError(
+                f"{name} is gray and {other} is in color: give both in gray or both in color"
+            )
     spaces = {a.meta.color_space, b.meta.color_space} - {None}
     if len(spaces) == 2:
         raw, other = (first, second) if a.meta.color_space == "camera" else (second, first)

@@ -204,7 +204,10 @@ def fit_hypotheses(
 
     def search(streak: Streak, image: LinearImage, plate: LinearImage) -> Multistart:
         """Fits before a plate."""
-        return Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
+        color = ColorPrior.of(model)
+        if image.meta.one_channel:
+            color = color.of_one_paint
+        return Multistart.of(streak, image, plate, color).with_prior(prior)
 
     def before(plate: LinearImage, streak: Streak) -> Hypotheses:
         """All hypotheses before a plate."""
