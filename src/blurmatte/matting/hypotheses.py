@@ -238,12 +238,13 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     summaries = list(compress(found.summaries, found.possible))
     terms = error_terms(average, estimates, summaries, sweep.diagnostics, exact)
     claim, compressed = claimed_error(average), case.is_compressed
-    average = calibrated(average, estimates, terms, compressed, exact)
+    gray = fitted.image.meta.one_channel
+    average = calibrated(average, estimates, terms, compressed, exact, gray)
     error = claimed_error(average)
     average = found.with_open_errors(average)
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
-    if fitted.image.meta.one_channel:
+    if gray:
         because = ["gray", *(name for name in because if name != "shape")]
     if found.duration_is_open:
         because = ["duration", *because]
