@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 128)
@@ -44,7 +45,7 @@ def pytest_runtest_call(item):
 def moving_ball(plate, second_color=None):
     """An orange ball of radius 14 that moves by twice its width; alpha up to 0.28."""
     ball = Ball(14, np.array([0.7, 0.35, 0.1]), second_color=second_color)
-    return render(Scene(plate, Trajectory.line((45, 35), (145, 92)), ball))
+    return rendered(Scene(plate, Trajectory.line((45, 35), (145, 92)), ball))
 
 
 @pytest.fixture(scope="session")

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.checks import (
@@ -16,7 +17,7 @@ from blurmatte.checks import (
     enclosing,
     rows_columns,
 )
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 
@@ -166,7 +167,7 @@ def test_solve_takes_big_endian_and_read_only_arrays():
     scene = Scene(plate, Trajectory.line((18, 20), (44, 26)), Ball(6, np.array([0.9, 0.5, 0.05])))
     noisy = [
         x + np.random.default_rng(k).normal(0, 1e-3, x.shape)
-        for k, x in enumerate((render(scene).image.rgb, plate))
+        for k, x in enumerate((rendered(scene).image.rgb, plate))
     ]
     model = bm.ColorModel.from_hex("#f3be40")
     native, big = (

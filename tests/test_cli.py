@@ -18,6 +18,7 @@ import OpenEXR
 import pytest
 from PIL import Image
 from tests.commands import complaint, good, run
+from tests.scenes import rendered
 from tests.scenes.texts import BALL
 
 import blurmatte as bm
@@ -48,7 +49,7 @@ def pictures_of_ball(folder, size, start, end, radius, tile):
     """The folder, with image, plate and mask of an orange ball that moves straight."""
     body = bm.rendering.Ball(radius, np.array([0.9, 0.45, 0.05]), ambient=0.6)
     path, plate = bm.Trajectory.line(start, end), colorful_plate(size, rng=2, tile=tile)
-    truth = bm.rendering.render(bm.rendering.Scene(plate, path, body))
+    truth = rendered(bm.rendering.Scene(plate, path, body))
     rng = np.random.default_rng(5)
     for name, picture in (("image", truth.image), ("plate", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
@@ -680,9 +681,7 @@ def test_warns_of_swapped_pictures(tmp_path):
         bm.Trajectory.line((44, 34), (84, 40)),
         bm.rendering.Ball(14, np.array([0.9, 0.45, 0.05])),
     )
-    truth = bm.rendering.render(
-        bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body)
-    )
+    truth = rendered(bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body))
     rng = np.random.default_rng(0)
     for name, picture in (("plate", truth.image), ("image", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
@@ -863,7 +862,7 @@ def test_interrupt_exits_130_quietly(scene, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def rendered(tmp_path_factory):
+def renderings(tmp_path_factory):
     """A folder with two rendered scenes, one and two, and their scene file."""
     folder = tmp_path_factory.mktemp("rendered")
     for name, text in (("one", BALL), ("two", BALL.replace("seed = 1", "seed = 2"))):
@@ -872,8 +871,8 @@ def rendered(tmp_path_factory):
     return folder
 
 
-def test_render_writes_pictures_and_truth(rendered):
-    folder = rendered / "scenes" / "one"
+def test_render_writes_pictures_and_truth(renderings):
+    folder = renderings / "scenes" / "one"
     assert sorted(p.name for p in folder.iterdir()) == [
         *("image.png", "overview.png", "plate.png", "scene.toml", "truth")
     ]
@@ -883,11 +882,11 @@ def test_render_writes_pictures_and_truth(rendered):
     assert bm.read(folder / "overview.png").size == (4 * 48, 36)
 
 
-def test_render_writes_a_single_scene_into_the_folder(rendered, tmp_path):
-    result = good("render", rendered / "one.toml", "--out", tmp_path / "x")
+def test_render_writes_a_single_scene_into_the_folder(renderings, tmp_path):
+    result = good("render", renderings / "one.toml", "--out", tmp_path / "x")
     assert result.stdout.strip() == str(tmp_path / "x" / "overview.png")
     same = (tmp_path / "x" / "image.png").read_bytes()
-    assert same == (rendered / "scenes" / "one" / "image.png").read_bytes()
+    assert same == (renderings / "scenes" / "one" / "image.png").read_bytes()
 
 
 def test_render_numbers_the_frames_of_a_clip(tmp_path):
@@ -917,14 +916,14 @@ def test_render_refuses_in_one_line(args, says):
     assert says in complaint(run("render", *args))
 
 
-def test_score_of_solutions_has_every_metric(rendered, tmp_path):
+def test_score_of_solutions_has_every_metric(renderings, tmp_path):
     for name in ("one", "two"):
-        scene = rendered / "scenes" / name
+        scene = renderings / "scenes" / name
         files = (scene / "image.png", "--plate", scene / "plate.png")
         model = scene / "truth" / "model.json"
         good("solve", *files, "--out", tmp_path / name, "--color", model)
     result = good(
-        "score", tmp_path, "--truth", rendered / "scenes", "--out", tmp_path / "scores.json"
+        "score", tmp_path, "--truth", renderings / "scenes", "--out", tmp_path / "scores.json"
     )
     head, *rows = result.stdout.splitlines()
     assert "alpha RMSE" in head
@@ -935,24 +934,24 @@ def test_score_of_solutions_has_every_metric(rendered, tmp_path):
     assert 0.2 < scores["one"]["alpha_spread"] < 1.3  # calibrated on harder scenes than this
 
 
-def test_score_accepts_one_file(rendered, tmp_path):
-    scene = rendered / "scenes" / "one"
+def test_score_accepts_one_file(renderings, tmp_path):
+    scene = renderings / "scenes" / "one"
     bm.write(tmp_path / "mine.png", bm.read_layer(scene / "truth" / "layer.exr"))
     rows = good("score", tmp_path / "mine.png", "--truth", scene).stdout.splitlines()
     assert len(rows) == 2
     assert rows[1].split()[:2] == ["one", "yes"]
 
 
-def test_scene_without_a_result_counts_as_a_miss(rendered, tmp_path):
-    shutil.copytree(rendered / "scenes" / "one" / "truth", tmp_path / "one")
-    result = good("score", tmp_path, "--truth", rendered / "scenes")
+def test_scene_without_a_result_counts_as_a_miss(renderings, tmp_path):
+    shutil.copytree(renderings / "scenes" / "one" / "truth", tmp_path / "one")
+    result = good("score", tmp_path, "--truth", renderings / "scenes")
     assert result.stderr == "blurmatte: two: no result, a miss\n"
     assert result.stdout.splitlines()[2].split()[:2] == ["two", "miss"]
 
 
-def test_scores_are_a_table(rendered, tmp_path):
+def test_scores_are_a_table(renderings, tmp_path):
     """Exact: one row for each scene, with its name."""
-    truth, out = rendered / "scenes", tmp_path / "scores.csv"
+    truth, out = renderings / "scenes", tmp_path / "scores.csv"
     (place, *_) = bm.scenes.find_scenes(truth)
     result = run("score", place / "truth/layer.exr", "--truth", place, "--out", out)
     assert result.exit_code == 0, result.stderr
@@ -960,9 +959,9 @@ def test_scores_are_a_table(rendered, tmp_path):
     assert (names[:2], values[:2]) == (["scene", "answered"], [place.name, "True"])
 
 
-def test_score_refuses_in_one_line(rendered, tmp_path):
-    truth = ("--truth", rendered / "scenes" / "one")
-    layer = bm.read_layer(rendered / "scenes" / "one" / "truth" / "layer.exr")
+def test_score_refuses_in_one_line(renderings, tmp_path):
+    truth = ("--truth", renderings / "scenes" / "one")
+    layer = bm.read_layer(renderings / "scenes" / "one" / "truth" / "layer.exr")
     small = bm.Layer(layer.alpha[:-1], layer.premultiplied[:-1])
     bm.write(tmp_path / "small.exr", small)
     bm.write(tmp_path / "nan.exr", bm.Layer(np.nan * layer.alpha, layer.premultiplied))
@@ -979,11 +978,11 @@ def test_score_refuses_in_one_line(rendered, tmp_path):
     assert "holds no scene with its truth" in says
 
 
-def test_damaged_result_is_named_and_counts_as_a_miss(rendered, tmp_path):
+def test_damaged_result_is_named_and_counts_as_a_miss(renderings, tmp_path):
     for name in ("one", "two"):
-        shutil.copytree(rendered / "scenes" / name / "truth", tmp_path / name)
+        shutil.copytree(renderings / "scenes" / name / "truth", tmp_path / name)
     (tmp_path / "two" / "layer.exr").write_bytes(b"nothing")
-    result = run("score", tmp_path, "--truth", rendered / "scenes")
+    result = run("score", tmp_path, "--truth", renderings / "scenes")
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
     assert "layer.exr" in line

@@ -18,11 +18,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[1]
@@ -65,7 +66,7 @@ def seen(light, seed):
 
 def ball_on(plate, start, end, radius):
     """A picture of a moving ball of the documents' color."""
-    return render(Scene(plate, Trajectory.line(start, end), Ball(radius, COLOR, ambient=0.6)))
+    return rendered(Scene(plate, Trajectory.line(start, end), Ball(radius, COLOR, ambient=0.6)))
 
 
 def set_stage(folder):

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.cli.console import in_degrees
@@ -34,9 +35,7 @@ def solved():
     rng = np.random.default_rng(1)
     body = bm.rendering.Ball(9, np.array([0.9, 0.45, 0.05]))
     path = bm.Trajectory.line((30, 30), (60, 36))
-    truth = bm.rendering.render(
-        bm.rendering.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body)
-    )
+    truth = rendered(bm.rendering.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body))
     image, plate = (
         bm.LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE)
         for p in (truth.image, truth.plate)
@@ -118,7 +117,7 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
     monkeypatch.setattr(Canvas, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
     model = bm.ColorModel.from_hex(*axes)
     light = np.array([0.8, 0.8, 0.7]) if model.rank == 2 else 0.3 * model.rgb[0]
-    truth = bm.rendering.render(
+    truth = rendered(
         bm.rendering.Scene(
             colorful_plate((96, 64), rng=2, tile=20),
             bm.Trajectory.line((30, 30), (60, 36)),

@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.background import agreement
@@ -18,9 +19,7 @@ def scene(seed=0, plate=colorful_plate):
     rng = np.random.default_rng(seed)
     light = plate(SIZE, rng) if plate is colorful_plate else plate(SIZE, np.full(3, 0.4), rng)
     ball = bm.rendering.Ball(16, np.array([0.9, 0.5, 0.1]))
-    return bm.rendering.render(
-        bm.rendering.Scene(light, bm.Trajectory.line((60, 60), (130, 110)), ball)
-    )
+    return rendered(bm.rendering.Scene(light, bm.Trajectory.line((60, 60), (130, 110)), ball))
 
 
 def photographed(rendering, drift, seed, std=0.005):
@@ -72,9 +71,7 @@ def test_large_object_does_not_change_light():
     rng = np.random.default_rng(5)
     ball = bm.rendering.Ball(48, np.array([0.2, 0.2, 0.2]))
     path = bm.Trajectory.line((90, 80), (150, 100))
-    rendering = bm.rendering.render(
-        bm.rendering.Scene(plain_plate(SIZE, np.full(3, 0.5), rng), path, ball)
-    )
+    rendering = rendered(bm.rendering.Scene(plain_plate(SIZE, np.full(3, 0.5), rng), path, ball))
     assert np.mean(rendering.layer.alpha > 0) > 0.25
     image, plate = photographed(rendering, Drift(), 1)
     assert bm.match_plate(plate, image) is plate
@@ -84,9 +81,7 @@ def test_keeps_light_of_plain_wall():
     """invariant: a small gain and an offset would remove the noise of an even wall."""
     ball = bm.rendering.Ball(16, np.array([0.9, 0.5, 0.1]))
     wall = np.broadcast_to(np.array([0.3, 0.38, 0.35]), (SIZE[1], SIZE[0], 3)).copy()
-    truth = bm.rendering.render(
-        bm.rendering.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball)
-    )
+    truth = rendered(bm.rendering.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball))
     for seed in range(3):
         image, plate = photographed(truth, Drift(), seed, 0.01)
         assert np.allclose(bm.background.fit_match(image, plate).gain, 1, atol=0.01)
@@ -263,8 +258,6 @@ def test_streak_across_the_picture_is_no_band():
     """invariant: it changes some rows only, but most of their pixels."""
     light = colorful_plate(SIZE, np.random.default_rng(7))
     ball = bm.rendering.Ball(18, np.array([0.9, 0.5, 0.1]))
-    rendering = bm.rendering.render(
-        bm.rendering.Scene(light, bm.Trajectory.line((20, 90), (220, 90)), ball)
-    )
+    rendering = rendered(bm.rendering.Scene(light, bm.Trajectory.line((20, 90), (220, 90)), ball))
     image, plate = photographed(rendering, Drift(), 1)
     assert bm.match_plate(plate, image) is plate

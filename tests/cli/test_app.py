@@ -8,6 +8,7 @@ import sys
 import numpy as np
 import pytest
 import typer
+from tests.scenes import rendered
 from typer.testing import CliRunner
 
 import blurmatte as bm
@@ -43,7 +44,7 @@ def folder(tmp_path_factory):
     """Image and plate of a ball, and its layer with its solution."""
     folder = tmp_path_factory.mktemp("app")
     path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = bm.rendering.render(
+    truth = rendered(
         bm.rendering.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.rendering.Ball(9))
     )
     image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(

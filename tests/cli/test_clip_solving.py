@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.commands import run
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.cli.clip_solving import ClipOptions
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 
@@ -21,7 +22,7 @@ def shot(tmp_path_factory):
 
     def picture(k):
         path = Trajectory.line((10 + 11 * k, 18 + k), (20 + 11 * k, 19 + k))
-        light = render(Scene(plate, path, Ball(6, np.array([0.7, 0.35, 0.1])))).image.rgb
+        light = rendered(Scene(plate, path, Ball(6, np.array([0.7, 0.35, 0.1])))).image.rgb
         light = plate if k == 0 else light
         return bm.LinearImage((light + rng.normal(0, 0.01, light.shape)).astype(np.float32))
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import run
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -20,7 +21,7 @@ def folder(tmp_path_factory):
     """A solved picture of a ball."""
     folder = tmp_path_factory.mktemp("measured")
     path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = bm.rendering.render(
+    truth = rendered(
         bm.rendering.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.rendering.Ball(RADIUS))
     )
     image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(

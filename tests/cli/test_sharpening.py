@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import complaint, good, run
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.cli import sharpening
@@ -26,7 +27,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sharpen")
     ball = bm.rendering.Ball(8, np.array([0.7, 0.35, 0.1]), second_color=np.array([0.1, 0.2, 0.7]))
     path = (22.0, 20.0, 48.0, 28.0)
-    truth = bm.rendering.render(
+    truth = rendered(
         bm.rendering.Scene(
             colorful_plate(SIZE, 1, tile=16), bm.Trajectory.line(path[:2], path[2:]), ball
         )
@@ -129,7 +130,7 @@ def test_spin_is_measured_and_used(folder, tmp_path):
     paint = np.random.default_rng(1).uniform(0.1, 0.9, (4, 8, 3))
     texture = np.repeat(np.repeat(paint, 24, axis=0), 24, axis=1)
     path = (22.0, 20.0, 48.0, 28.0)
-    truth = bm.rendering.render(
+    truth = rendered(
         bm.rendering.Scene(
             colorful_plate(SIZE, 1, tile=16),
             bm.Trajectory.line(path[:2], path[2:]),

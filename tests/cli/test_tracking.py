@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from tests import commands
 from tests.motion.clip.sightings import sighted
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.motion import Workers
@@ -29,7 +30,7 @@ def folder(tmp_path_factory):
     for k in range(FRAMES):
         x = 100 - 12 * k - 2 * k * k
         path = bm.Trajectory.line((x + 5 + k, 50), (x - 5 - k, 50))
-        light = bm.rendering.render(
+        light = rendered(
             bm.rendering.Scene(scene, path, bm.rendering.Ball(8, color=COLOR))
         ).image.rgb
         bm.write(folder / f"f{k}.png", camera.photograph(light, rng))

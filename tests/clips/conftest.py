@@ -2,21 +2,22 @@
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
 import blurmatte as bm
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
-SIZE, RADIUS, COUNT = (72, 48), 6.0, 12
-FIRST, LAST = 3, 9  # frames with the ball
+SIZE, RADIUS, COUNT = (72, 48), 6.0, 9
+FIRST, LAST = 3, 7  # frames with the ball, which the border cuts in the last
 COLOR = np.array([0.7, 0.35, 0.1])
 NOISE = 0.01
 
 
 def path_of(k):
     """Start and end of the path in frame k."""
-    x = 12 + 7.5 * (k - FIRST)
-    return (x, 18 + 0.6 * (k - FIRST)), (x + 10, 18.8 + 0.6 * (k - FIRST))  # one line in time
+    x, y = 12 + 11.25 * (k - FIRST), 18 + 0.9 * (k - FIRST)
+    return (x, y), (x + 10, y + 0.8)  # one line in time
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +26,7 @@ def truth():
     plate = colorful_plate(SIZE, 1, tile=12)
     frames = range(FIRST, LAST + 1)
     scenes = {k: Scene(plate, Trajectory.line(*path_of(k)), Ball(RADIUS, COLOR)) for k in frames}
-    return {k: render(scene).layer for k, scene in scenes.items()}
+    return {k: rendered(scene).layer for k, scene in scenes.items()}
 
 
 @pytest.fixture(scope="session")

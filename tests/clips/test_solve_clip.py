@@ -143,7 +143,7 @@ def test_prior_of_a_frame_is_the_path_that_the_others_predict(prepared):
 
 def test_three_frames_predict_one_another(prepared):
     """Honest: in units of the predicted errors, which are larger than from all frames."""
-    some = prepared[2][2:5]
+    some = prepared[2][1:4]
     priors = ClipObject.of([one.row for one in some], COLOR_MODEL).priors
     for one, prior in zip(some, priors, strict=True):
         (start, end), path = path_of(one.index), prior.path

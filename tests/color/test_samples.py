@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from tests.shared_scenes import rendered
+from tests.scenes import rendered
 
 from blurmatte.color import ColorModel, core_colors, pick_colors
 from blurmatte.errors import ColorModelError, MotionError

@@ -3,11 +3,12 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import rendered
 
 from blurmatte.compositing import cover, light_gain, long_exposure, stack
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 SIZE = (120, 70)
@@ -86,7 +87,7 @@ def flights():
     plate = colorful_plate(SIZE, 3, tile=25)
     ball = Ball(9, np.array([0.7, 0.35, 0.1]))
     for start, end in pairwise(STOPS):
-        yield render(Scene(plate, Trajectory.line(start, end), ball))
+        yield rendered(Scene(plate, Trajectory.line(start, end), ball))
 
 
 def test_stack_equals_layers_over_one_another():
@@ -103,7 +104,7 @@ def test_long_exposure_equals_a_rendering_of_that_exposure():
     """Exact up to time sampling: three contiguous exposures equal one of three times the length."""
     shots = list(flights())
     whole = long_exposure(shot.layer for shot in shots)
-    truth = render(Scene(shots[0].plate.rgb, Trajectory.line(STOPS[0], STOPS[-1]),
+    truth = rendered(Scene(shots[0].plate.rgb, Trajectory.line(STOPS[0], STOPS[-1]),
                          Ball(9, np.array([0.7, 0.35, 0.1]))))  # fmt: skip
     assert_allclose(whole.alpha, truth.layer.alpha, atol=2e-3)
     assert_allclose(whole.over(truth.plate).rgb, truth.image.rgb, atol=2e-3)

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -36,7 +37,7 @@ def case(start=(18.2, 16.4), end=(44.7, 24.1), radius=8.0, seed=0, std=0.05, tex
         radius, texture=patches(seed) if texture is None else texture, ambient=1.0
     )
     scene = bm.rendering.Scene(textured_plate((64, 42), seed), bm.Trajectory.line(start, end), ball)
-    truth = bm.rendering.render(scene)
+    truth = rendered(scene)
     rng = np.random.default_rng(seed)
     image, plate = (
         LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)

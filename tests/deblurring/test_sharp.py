@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -107,7 +108,7 @@ def test_a_sweep_that_the_light_contradicts_is_replaced(ball, sharp, change):
 def test_a_growth_that_the_sweep_lacks_is_found():
     ball = bm.rendering.Ball(8, texture=patches(0), ambient=1.0)
     scene = replace(case().truth.scene, body=ball, change=Change(scale=(0.9, 1.1)))
-    truth = bm.rendering.render(scene)
+    truth = rendered(scene)
     image, plate = (
         LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
     )
@@ -119,7 +120,7 @@ def test_a_growth_that_the_sweep_lacks_is_found():
 def test_a_curved_path_that_was_fitted_as_a_bounce_is_found():
     t = np.linspace(0, 1, 65)
     curved = PARABOLA.at(np.array([14.0, 28.0, 32.0, 13.0, 50.0, 28.0]), t)[0]
-    truth = bm.rendering.render(replace(case().truth.scene, trajectory=bm.Trajectory(curved, t)))
+    truth = rendered(replace(case().truth.scene, trajectory=bm.Trajectory(curved, t)))
     image, plate = (
         LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
     )
@@ -154,7 +155,7 @@ def test_errors_of_a_wrong_model_are_widened():
     for seed in range(2):
         found = case(seed=seed)
         turning = replace(found.truth.scene, change=Change(spin=(0.3, 0.5, 0.2)))
-        truth = bm.rendering.render(turning)
+        truth = rendered(turning)
         rng = np.random.default_rng(seed)
         image = LinearImage(add_noise(truth.image.rgb, NOISE, rng), NOISE)
         result = bm.deblur(image, found.plate, found.sweep, refine=False)

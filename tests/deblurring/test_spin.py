@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.deblurring import sphere_kernel, spin_choice
@@ -51,7 +52,7 @@ def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0, lamps=(
     start, end = (18.2, 16.4), (47.7, 26.1)
     path = bm.Trajectory.line(start, end)
     scene = bm.rendering.Scene(textured_plate((66, 44), seed), path, ball, Change(spin=tuple(spin)))
-    truth, rng = bm.rendering.render(scene), np.random.default_rng(seed)
+    truth, rng = rendered(scene), np.random.default_rng(seed)
     image, plate = (
         LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)
         for picture in (truth.image, truth.plate)

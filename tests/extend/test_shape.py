@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.errors import MotionError
@@ -155,7 +156,7 @@ def test_hypotheses_are_not_fitted_where_a_disc_leaves_nothing_to_explain():
     ball = bm.rendering.Ball(6, PAINT)
     plate = bm.rendering.colorful_plate((64, 48), 1, tile=16)
     path = bm.Trajectory.line((18, 20), (44, 27))
-    truth = bm.rendering.render(bm.rendering.Scene(plate, path, ball))
+    truth = rendered(bm.rendering.Scene(plate, path, ball))
     pictures = (p.with_noise(bm.NoiseModel(read_std=STD)) for p in (truth.image, truth.plate))
     solution = bm.solve(*pictures, None, bm.Swept(hypotheses=(*HYPOTHESES, NotNeeded())))
     assert solution.sweep.silhouette.is_disc

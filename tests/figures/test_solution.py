@@ -2,6 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.figures import draw_overview
@@ -11,7 +12,7 @@ from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import SweepSummary
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
-from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep import Diagnostics
 from blurmatte.trajectory import Trajectory
@@ -26,7 +27,7 @@ def solved(size, start, end, radius=6, region=None, name="image.png"):
     scene = Scene(
         colorful_plate(size, rng=2, tile=20), Trajectory.line(start, end), Ball(radius, PAINT)
     )
-    truth = render(scene)
+    truth = rendered(scene)
     image, plate = (
         LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE, meta=Meta(name))
         for p in (truth.image, truth.plate)

@@ -9,6 +9,7 @@ import pytest
 import rawpy
 from numpy.testing import assert_allclose
 from tests.commands import run
+from tests.scenes import rendered
 
 from blurmatte.calibration import fit_noise
 from blurmatte.color import ColorModel
@@ -19,7 +20,7 @@ from blurmatte.files.raw import _to_srgb
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors
 from blurmatte.radiometry.mosaic import demosaic
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.streaks import find_streaks
 from blurmatte.trajectory import Trajectory
 
@@ -278,7 +279,7 @@ def throw(tmp_path_factory, make_dng, make_mosaic):
     folder = tmp_path_factory.mktemp("throw")
     ball = Ball(12, np.array([0.7, 0.35, 0.1]))
     path = Trajectory.line((36, 30), (92, 50))
-    truth = render(Scene(0.8 * colorful_plate((128, 80), rng=2, tile=24), path, ball))
+    truth = rendered(Scene(0.8 * colorful_plate((128, 80), rng=2, tile=24), path, ball))
     rng = np.random.default_rng(7)
     for name, picture in (("image", truth.image), ("plate", truth.plate)):
         noisy = picture.rgb + 2e-3 * rng.standard_normal(picture.rgb.shape)

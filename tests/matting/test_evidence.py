@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel

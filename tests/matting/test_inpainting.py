@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 
 from blurmatte.matting import PixelMaps, Quality, solve
 from blurmatte.matting.inpainting import inpaint_light

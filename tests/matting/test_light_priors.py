@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Smooth, solve

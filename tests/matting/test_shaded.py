@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 
 import blurmatte as bm
 from blurmatte.color import ColorModel

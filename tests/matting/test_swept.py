@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import binary_erosion
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 
 from blurmatte.background import Matching
 from blurmatte.calibration import with_noise

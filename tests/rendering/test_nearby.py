@@ -20,6 +20,7 @@ from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.05])
 SIZE = (96, 72)
+STEPS = 40  # of the exposure, where a statement holds for any number
 SCENE = Scene(
     colorful_plate(SIZE, 1, tile=16),
     Trajectory.line((25, 30), (65, 44)),
@@ -39,7 +40,7 @@ SCENE = Scene(
     ids=["plain", "shadow", "fence", "growing"],
 )
 def test_image_satisfies_the_compositing_equation(changes):
-    truth = render(replace(SCENE, **changes))
+    truth = render(replace(SCENE, **changes), STEPS)
     passed = 1 - truth.layer.alpha[..., None] - truth.shadow - truth.nearby
     image = truth.layer.premultiplied + passed * truth.plate.rgb
     assert_allclose(truth.image.rgb, image, atol=1e-15)
@@ -63,7 +64,8 @@ def test_effect_is_the_time_average_of_the_sharp_effect():
 def test_layer_and_shadow_do_not_depend_on_nearby_light():
     shadow = Shadow((9, 6), 2.0)
     with_it, without = (
-        render(replace(SCENE, shadow=shadow, nearby=nearby)) for nearby in (SCENE.nearby, None)
+        render(replace(SCENE, shadow=shadow, nearby=nearby), STEPS)
+        for nearby in (SCENE.nearby, None)
     )
     assert_array_equal(with_it.layer.alpha, without.layer.alpha)
     assert_array_equal(with_it.layer.premultiplied, without.layer.premultiplied)
@@ -87,13 +89,13 @@ def test_profile_agrees_with_traced_ambient_occlusion():
 
 
 def test_effect_follows_the_path():
-    nearby = render(SCENE).nearby[..., 2]
+    nearby = render(SCENE, STEPS).nearby[..., 2]
     near_path = nearby[37 - 12, 45]  # next to the middle of the path
     assert near_path > 3 * nearby[68, 4] > 0
 
 
 def test_bounce_has_the_color_of_the_body():
-    truth = render(replace(SCENE, nearby=Nearby(occlusion=0, bounce=0.01)))
+    truth = render(replace(SCENE, nearby=Nearby(occlusion=0, bounce=0.01)), STEPS)
     assert truth.nearby.max() <= 0
     given = -truth.nearby.sum((0, 1))
     assert_allclose(given / given[0], ORANGE / ORANGE[0], rtol=1e-9)

@@ -26,6 +26,7 @@ from blurmatte.trajectory import Trajectory
 ORANGE = np.array([0.9, 0.5, 0.05])
 BLUE = np.array([0.1, 0.2, 0.7])
 SIZE = (96, 72)
+STEPS = 40  # of the exposure, where a statement holds for any number
 POSE = Change(turned=(0.4, -0.3, 0.6), squash=(1.2, 1), squash_angle=0.5).at(0)
 FILTERED = {
     "ball": Ball(5, ORANGE, highlight=0.4),
@@ -118,7 +119,7 @@ BODIES = {
 @pytest.mark.parametrize("name", BODIES)
 def test_model_holds_every_color_of_the_layer(plate, name):
     body, rank = BODIES[name]
-    truth = render(Scene(plate, Trajectory.line((25, 30), (65, 44)), body))
+    truth = render(Scene(plate, Trajectory.line((25, 30), (65, 44)), body), STEPS)
     assert truth.model.rank == rank
     assert_allclose(truth.layer.premultiplied @ truth.model.normals, 0, atol=1e-14)
     spread = np.linalg.svd(truth.layer.premultiplied.reshape(-1, 3), compute_uv=False)
@@ -129,7 +130,7 @@ def test_model_holds_every_color_of_the_layer(plate, name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_image_is_the_layer_over_the_plate(plate, name):
-    truth = render(Scene(plate, Trajectory.line((25, 30), (65, 44)), BODIES[name][0]))
+    truth = render(Scene(plate, Trajectory.line((25, 30), (65, 44)), BODIES[name][0]), STEPS)
     alpha, P = truth.layer.alpha[..., None], truth.layer.premultiplied
     assert truth.image.rgb.dtype == np.float64
     assert_allclose(truth.image.rgb, P + (1 - alpha) * plate, rtol=0, atol=1e-14)
@@ -137,7 +138,9 @@ def test_image_is_the_layer_over_the_plate(plate, name):
 
 
 def test_flat_ball_shows_its_color(plate):
-    layer = render(Scene(plate, Trajectory.line((25, 30), (65, 44)), BODIES["flat"][0])).layer
+    layer = render(
+        Scene(plate, Trajectory.line((25, 30), (65, 44)), BODIES["flat"][0]), STEPS
+    ).layer
     assert_allclose(layer.premultiplied, layer.alpha[..., None] * ORANGE, atol=1e-14)
 
 
@@ -154,9 +157,9 @@ def test_image_is_the_average_of_sharp_images(plate):
 def test_shift_by_whole_pixels_and_reversal_change_nothing_else(plate):
     body, shift = BODIES["shaded"][0], (5, -3)
     path = Trajectory.arc((25, 40), (45, 30), (65, 44))
-    alpha = render(Scene(plate, path, body)).layer.alpha
-    moved = render(Scene(plate, replace(path, xy=path.xy + shift), body)).layer.alpha
-    reverse = render(Scene(plate, replace(path, xy=path.xy[::-1]), body)).layer.alpha
+    alpha = render(Scene(plate, path, body), STEPS).layer.alpha
+    moved = render(Scene(plate, replace(path, xy=path.xy + shift), body), STEPS).layer.alpha
+    reverse = render(Scene(plate, replace(path, xy=path.xy[::-1]), body), STEPS).layer.alpha
     assert_allclose(moved, np.roll(alpha, shift[::-1], axis=(0, 1)), atol=1e-12)
     assert_allclose(reverse, alpha, atol=1e-12)
 
@@ -165,15 +168,15 @@ def test_shift_by_whole_pixels_and_reversal_change_nothing_else(plate):
 def test_path_may_leave_the_picture(plate, body):
     path = Trajectory.line((-20, 30), (90, 90))
     wide = np.pad(plate, [(40, 40), (40, 40), (0, 0)])
-    cut = render(Scene(plate, path, body)).layer
-    whole = render(Scene(wide, replace(path, xy=path.xy + 40), body)).layer
+    cut = render(Scene(plate, path, body), STEPS).layer
+    whole = render(Scene(wide, replace(path, xy=path.xy + 40), body), STEPS).layer
     assert_allclose(cut.alpha, whole.alpha[40:-40, 40:-40], atol=1e-12)
     assert_allclose(cut.premultiplied, whole.premultiplied[40:-40, 40:-40], atol=1e-12)
 
 
 def test_same_scene_same_bytes(plate):
     scene = Scene(plate, Trajectory.arc((25, 40), (45, 30), (65, 44)), BODIES["glossy"][0])
-    assert render(scene).image.rgb.tobytes() == render(scene).image.rgb.tobytes()
+    assert render(scene, STEPS).image.rgb.tobytes() == render(scene, STEPS).image.rgb.tobytes()
 
 
 @pytest.mark.parametrize("cores", [1, 7])
@@ -213,7 +216,7 @@ def test_a_stick_that_turns_in_place_covers_each_ring_for_the_share_of_its_width
 def test_opacity_scales_alpha_and_light(plate):
     path = Trajectory.line((25, 30), (65, 44))
     whole, thin = (
-        render(Scene(plate, path, BODIES["shaded"][0], opacity=o)).layer for o in (1, 0.3)
+        render(Scene(plate, path, BODIES["shaded"][0], opacity=o), STEPS).layer for o in (1, 0.3)
     )
     assert_allclose(thin.alpha, 0.3 * whole.alpha, atol=1e-15)
     assert_allclose(thin.premultiplied, 0.3 * whole.premultiplied, atol=1e-15)
@@ -266,7 +269,7 @@ def test_shadow_removes_light_where_the_body_is_not(plate):
 def test_body_hides_its_own_shadow(plate):
     still = Trajectory.line((40, 36), (40, 36))
     hidden = Shadow((0, 0), softness=0, strength=(1, 1, 1))
-    truth = render(Scene(plate, still, Ball(9, ORANGE), shadow=hidden))
+    truth = render(Scene(plate, still, Ball(9, ORANGE), shadow=hidden), STEPS)
     assert_allclose(truth.shadow[36, 40], 0, atol=1e-12)
     assert np.all(truth.shadow[truth.layer.alpha == 0] == 0)
 
@@ -274,8 +277,8 @@ def test_body_hides_its_own_shadow(plate):
 def test_an_occluder_hides_body_and_plate(plate):
     fence = wire_fence(SIZE, 14, 3, (0.2, 0.2, 0.25))
     path = Trajectory.line((25, 30), (65, 44))
-    free = render(Scene(plate, path, BODIES["shaded"][0]))
-    behind = render(Scene(plate, path, BODIES["shaded"][0], occluder=fence))
+    free = render(Scene(plate, path, BODIES["shaded"][0]), STEPS)
+    behind = render(Scene(plate, path, BODIES["shaded"][0], occluder=fence), STEPS)
     wire = fence.alpha == 1
     assert 0.1 < wire.mean() < 0.6
     assert_array_equal(behind.layer.alpha[wire], 0)

@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from tests.shared_scenes import rendered
+from tests.scenes import rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import SRGB, decode

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import ndimage
-from tests.shared_scenes import rendered
+from tests.scenes import rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.errors import PlateError

@@ -6,8 +6,8 @@ from dataclasses import replace
 from functools import cache, lru_cache
 
 import numpy as np
-from tests import shared_scenes as scenes
-from tests.shared_scenes import rendered as rendered
+from tests import scenes
+from tests.scenes import rendered as rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import NoiseModel

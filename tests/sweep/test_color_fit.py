@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests import shared_scenes as scenes
+from tests import scenes
 from tests.sweep.scenes import FLAT, FLAT_BEFORE_TILES, LINE, degrees_between, photographed
 
 from blurmatte.color import fit_color_from_hues

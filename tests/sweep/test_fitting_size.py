@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from tests.scenes import rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import solve
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
 from blurmatte.sweep import fitting_size
@@ -49,7 +50,7 @@ def wide():
     """Scene with a streak of 34 pixels, and its pictures with noise."""
     plate = colorful_plate((200, 130), 3, tile=24)
     path = Trajectory.line((60.3, 60.2), (142.1, 70.4))
-    truth = render(Scene(plate, path, Ball(17.0, np.array([0.75, 0.4, 0.06]))))
+    truth = rendered(Scene(plate, path, Ball(17.0, np.array([0.75, 0.4, 0.06]))))
     rng, camera = np.random.default_rng(0), Camera(code_std=1.5 / 255)
     return truth, [camera.photograph(one.rgb, rng) for one in (truth.image, truth.plate)]
 

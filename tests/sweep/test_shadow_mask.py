@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import LinearImage, NoiseModel

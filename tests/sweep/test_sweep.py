@@ -76,6 +76,7 @@ def test_the_covariance_of_curved_paths_is_honest(family):
     assert spread.max() < 1.5
 
 
+@pytest.mark.battery
 @pytest.mark.xfail(reason="shading that moves with the ball shifts path and radius by several std")
 @pytest.mark.parametrize("scenes", [BALLS, BEFORE_TILES], ids=["wall", "tiles"])
 def test_the_covariance_of_a_shaded_ball_is_honest(scenes):

@@ -5,6 +5,7 @@ outline of the ball is projected point by point, with all distortion of the came
 """
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -35,6 +36,8 @@ from blurmatte.rendering.lighting import (
     unit_direction,
 )
 from blurmatte.rendering.pose import CameraView, Pose, sphere_outline
+
+_SMOOTH_RADIUS_PX = 24  # from which four points sample the shading of a pixel
 
 
 class SphereArguments(NamedTuple):
@@ -148,11 +151,16 @@ class Ball:
             colors = np.vstack([colors, self.highlight * lamp_colors(self.lamps)])
         return true_model(colors)
 
-    @property
+    @cached_property
     def _paints(self) -> Array:
         """(2, 3) paint outside and inside the band."""
         second = self.color if self.second_color is None else self.second_color
         return np.array([self.color, second])
+
+    @cached_property
+    def _axis(self) -> Array:
+        """(3,) unit vector along the pole of the band."""
+        return unit_direction("axis", self.axis)
 
     def reach(self, pose: Pose) -> tuple[float, float]:
         """Extent from the center in x and y, pixels."""
@@ -182,7 +190,7 @@ class Ball:
         """(h, w) covered area of each cell, of a disc or of an ellipse as a polygon."""
         metric = stretch.T @ stretch
         scale = np.sqrt(metric[0, 0])
-        if np.allclose(metric, scale**2 * np.eye(2), rtol=0, atol=1e-12 * scale**2):
+        if np.all(np.abs(metric - scale**2 * np.eye(2)) <= 1e-12 * scale**2):
             return disc_coverage(x, y, self.radius * scale)
         # A polygon of a circle's area deviates from it by up to r (π / n)² / 3, at the corners.
         max_deviation = 1e-5  # pixels
@@ -198,10 +206,15 @@ class Ball:
         The shading, the highlight (which falls to 0.6 within radius / √shininess) and the texture must
         vary slowly on the scale of a pixel.
         """
-        radius = self.radius * np.linalg.norm(stretch, -2)  # the smallest
+        if (
+            self.second_color is not None
+            or self.radius * np.linalg.norm(stretch) < _SMOOTH_RADIUS_PX
+        ):
+            return False  # no radius is larger than that
+        radius = self.radius * np.linalg.norm(stretch, -2)
         highlight = radius / np.sqrt(self.shininess) if self.highlight else np.inf
         texel = np.inf if self.texture is None else np.pi * radius / self.texture.shape[0]
-        return bool(radius >= 24 and highlight >= 4 and texel >= 1 and self.second_color is None)
+        return bool(radius >= _SMOOTH_RADIUS_PX and highlight >= 4 and texel >= 1)
 
     def _arguments(self, pose: Pose) -> SphereArguments:
         colors = lamp_colors(self.lamps)
@@ -223,7 +236,7 @@ class Ball:
             glossy=self.highlight > 0,
             shininess=float(self.shininess),
             paints=self._paints,
-            axis=(pose.rotation @ unit_direction("axis", self.axis))[None],
+            axis=(pose.rotation @ self._axis)[None],
             band=0.0 if self.second_color is None else float(self.band),
             texture=np.empty((0, 0, 3)) if self.texture is None else self.texture,
         )

@@ -6,6 +6,7 @@ length. Colors are linear light.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -40,12 +41,12 @@ class Lamp:
         for name in ("direction", "color"):
             object.__setattr__(self, name, tuple(float(v) for v in getattr(self, name)))
 
-    @property
+    @cached_property
     def toward(self) -> Array:
         """(3,) unit vector towards the lamp."""
         return unit_direction("direction", self.direction)
 
-    @property
+    @cached_property
     def halfway(self) -> Array:
         """(3,) unit vector halfway between lamp and camera; zeros for a lamp behind the body."""
         between = self.toward + np.array([0.0, 0, 1])

@@ -14,6 +14,7 @@ optical axis as an ellipse. With L² = 1 + u² + v²,
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
@@ -104,7 +105,7 @@ class Change:
 
     def at(self, t: float) -> Pose:
         """The pose at exposure fraction `t`."""
-        rotation = _matrix(t * np.asarray(self.spin)) @ _matrix(np.asarray(self.turned))
+        rotation = _matrix(_triple(t * np.asarray(self.spin))) @ _matrix(self.turned)
         longer = _between(self.squash, t)
         c, s = np.cos(self.squash_angle), np.sin(self.squash_angle)
         axes = np.array([[c, -s], [s, c]])
@@ -228,7 +229,8 @@ def _between(ends: tuple[float, float], t: float) -> float:
     return float(ends[0] + t * (ends[1] - ends[0]))
 
 
-def _matrix(vector: Array) -> Array:
+@lru_cache(maxsize=1024)  # one at all times, for a body that does not spin
+def _matrix(vector: tuple[float, float, float]) -> Array:
     return np.asarray(scipy.spatial.transform.Rotation.from_rotvec(vector).as_matrix())
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.motion.clip.sightings import sighted
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -122,7 +123,7 @@ def test_two_balls_in_rendered_clip():
         for y, vx, radius in ((25, 18, 7), (65, -20, 6)):
             x = 75 + (k - 1) * vx
             path = bm.Trajectory.line((x - vx / 4, y), (x + vx / 4, y))
-            light = bm.rendering.render(
+            light = rendered(
                 bm.rendering.Scene(light, path, bm.rendering.Ball(radius, color=color))
             ).image.rgb
         frames.append(camera.photograph(light, rng))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from tests.motion.clip.sightings import sighted
+from tests.scenes import rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
@@ -22,7 +23,7 @@ from blurmatte.motion import (
 )
 from blurmatte.motion.clip.color import seen_color
 from blurmatte.radiometry import LinearImage, light_of_hex
-from blurmatte.rendering import Ball, Camera, Scene, Shadow, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, Shadow, colorful_plate, plain_plate
 from blurmatte.trajectory import Trajectory
 
 SIZE, FRAMES, RATE = (160, 120), 7, 30
@@ -38,13 +39,13 @@ def light_of(plate, k, alone=False):
     """The exact light of a frame: a second, blue ball, and the ball except in one frame."""
     if not alone:
         other = Trajectory.line((140 - 14 * k, 16), (132 - 14 * k, 18))
-        plate = render(Scene(plate, other, Ball(5, color=(0.05, 0.1, 0.9)))).image.rgb
+        plate = rendered(Scene(plate, other, Ball(5, color=(0.05, 0.1, 0.9)))).image.rgb
     if k == GONE:
         return plate
     t = k - OPEN / 2
     begin = START + VELOCITY * t + GRAVITY * t**2 / 2
     path = Trajectory.parabola(begin, (VELOCITY + GRAVITY * t) * OPEN, GRAVITY * OPEN**2)
-    return render(Scene(plate, path, Ball(RADIUS, color=COLOR))).image.rgb
+    return rendered(Scene(plate, path, Ball(RADIUS, color=COLOR))).image.rgb
 
 
 @pytest.fixture(scope="module")
@@ -263,9 +264,9 @@ def color_of_ball_with(other, paths, length, seed):
     rng, plate = np.random.default_rng(seed), colorful_plate(SIZE, 2, tile=24)
     frames = []
     for k, path in enumerate(paths):
-        behind = render(Scene(plate, Trajectory.line(*path), other)).image.rgb
+        behind = rendered(Scene(plate, Trajectory.line(*path), other)).image.rgb
         own = Trajectory.line((30 + 15 * k, 40), (30 + 15 * k + length, 44))
-        light = render(Scene(behind, own, Ball(RADIUS, color=COLOR))).image.rgb
+        light = rendered(Scene(behind, own, Ball(RADIUS, color=COLOR))).image.rgb
         frames.append(CAMERA.photograph(light, rng))
     return clip_color(frames, CAMERA.photograph(plate, rng))
 
@@ -307,7 +308,7 @@ def ball_with_shadow(strength):
     wall = plain_plate(SIZE, (0.5, 0.5, 0.48), 4)
     path = Trajectory.line((60, 40), (90, 55))
     shadow = Shadow((-6, 14), strength=(strength,) * 3) if strength else None
-    light = render(Scene(wall, path, Ball(10, color=COLOR), shadow=shadow)).image.rgb
+    light = rendered(Scene(wall, path, Ball(10, color=COLOR), shadow=shadow)).image.rgb
     rng = np.random.default_rng(6)
     return CAMERA.photograph(light, rng), CAMERA.photograph(wall, rng)
 
@@ -355,7 +356,7 @@ def test_a_reason_of_several_streaks_is_stated_once(monkeypatch):
     plate = colorful_plate(SIZE, 2, tile=24)
     light = plate
     for start, end in (((25, 30), (45, 34)), ((105, 85), (125, 90))):
-        light = render(Scene(light, Trajectory.line(start, end), Ball(RADIUS, color=COLOR)))
+        light = rendered(Scene(light, Trajectory.line(start, end), Ball(RADIUS, color=COLOR)))
         light = light.image.rgb
     measured = []
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.motion.clip.sightings import sighted
+from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -28,7 +29,7 @@ def scene():
     """A frame, a plate, and the row of the ball in it."""
     plate = plain_plate((96, 72), (0.12, 0.13, 0.16), 4)
     ball = bm.rendering.Ball(RADIUS, color=(0.8, 0.6, 0.2), ambient=1.0)
-    truth = bm.rendering.render(bm.rendering.Scene(plate, bm.Trajectory.line(START, END), ball))
+    truth = rendered(bm.rendering.Scene(plate, bm.Trajectory.line(START, END), ball))
     noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
     seen = sighted((45, 34), (30.0, 8.0), radius=RADIUS, ends=(START, END))
     row = bm.motion.FrameMotion(4, 0.1, seen, 1)

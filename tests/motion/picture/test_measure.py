@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
@@ -13,7 +14,7 @@ from blurmatte.matting import Quality, Solution, SolutionStats, solve
 from blurmatte.motion import measure_motion
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.motion.picture.motion import QUANTITIES
-from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
@@ -178,7 +179,7 @@ def test_errors_of_sweeps_match_scatter():
         start, radius = rng.uniform(14, 22, 2), rng.uniform(5, 8)
         path = Trajectory.line(start, start + rng.uniform(10, 26, 2))
         ball = Ball(radius, np.array([0.8, 0.35, 0.06]))
-        truth = render(Scene(colorful_plate((64, 64), seed, tile=14), path, ball))
+        truth = rendered(Scene(colorful_plate((64, 64), seed, tile=14), path, ball))
         image, plate = Shot(truth.scene, Camera(code_std=1 / 255), seed=seed).photograph(truth)
         image = replace(image, meta=replace(image.meta, exposure_time=0.02))
         motion = measure_motion(solve(image, plate))

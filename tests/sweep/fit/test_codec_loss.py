@@ -25,7 +25,7 @@ from blurmatte.radiometry import REC709, SRGB, CodingError, LinearImage
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding, lost_change
 from blurmatte.radiometry.image import Meta
-from blurmatte.rendering import Ball, Camera, Scene, render, textured_plate
+from blurmatte.rendering import Ball, Camera, Scene, textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep import fit_disc
 from blurmatte.sweep.assess.diagnostics import sweep_of
@@ -51,7 +51,7 @@ def coded(seed, fraction):
     size, radius = (176, 96), rng.uniform(9, 14)
     plate = 0.6 * textured_plate(size, rng)
     path = Trajectory.line((40.3, 44), (40.3 + rng.uniform(70, 90), 50))
-    scene = render(Scene(plate, path, Ball(radius, COLOR, ambient=1.0)))
+    scene = rendered(Scene(plate, path, Ball(radius, COLOR, ambient=1.0)))
     codes, before = REC709.encode(scene.image.rgb), REC709.encode(plate)
     matrix = ycbcr_matrix(LUMA_WEIGHTS_709)
     planes = (codes - before) @ matrix.T

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.shared_scenes import photographed, rendered
+from tests.scenes import photographed, rendered
 from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 
 from blurmatte.calibration import with_noise

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
+from tests.scenes import rendered
 
 from blurmatte.radiometry import REC709, SRGB, LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate
 from blurmatte.sweep.model.chroma_subsampling import (
     ChromaBlur,
     Compressed,
@@ -38,7 +39,7 @@ def through_a_file(light, transfer):
 @cache
 def rendered_before(plate_name):
     plate = {"even": EVEN, "wall": WALL, "tiles": TILES}[plate_name]
-    return render(Scene(plate, Trajectory.line((32, 30), (62, 42)), Ball(9, GREEN)))
+    return rendered(Scene(plate, Trajectory.line((32, 30), (62, 42)), Ball(9, GREEN)))
 
 
 def across(truth):

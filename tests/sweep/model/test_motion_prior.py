@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from tests.scenes import rendered
 
 import blurmatte as bm
-from blurmatte.rendering import Ball, Scene, Shadow, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Scene, Shadow, colorful_plate, plain_plate
 from blurmatte.sweep import MotionPrior, PathPrior, fit_hypotheses
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 from blurmatte.sweep.model.path import LINE, PARABOLA
@@ -18,7 +19,7 @@ def pictures():
     """A ball of radius 6 before tiles, with noise."""
     plate = colorful_plate((64, 48), 1, tile=12)
     ball = Ball(6, np.array([0.7, 0.35, 0.1]))
-    light = render(Scene(plate, Trajectory.line((18, 20), (44, 27)), ball)).image.rgb
+    light = rendered(Scene(plate, Trajectory.line((18, 20), (44, 27)), ball)).image.rgb
     rng = np.random.default_rng(1)
     noise = bm.NoiseModel(read_std=0.02)
     return [bm.LinearImage(x + rng.normal(0, 0.02, x.shape), noise) for x in (light, plate)]
@@ -125,7 +126,7 @@ def before_wall(shadow, more_noise=0.0):
         Ball(6, np.array([0.27, 0.72, 0.13])),
         shadow=shadow,
     )
-    truth, rng = render(scene), np.random.default_rng(1)
+    truth, rng = rendered(scene), np.random.default_rng(1)
     scale = 1 + more_noise * (truth.layer.alpha > 0)[..., None]
     light = truth.image.rgb + scale * rng.normal(0, 0.004, truth.image.rgb.shape)
     image = bm.LinearImage(light, bm.NoiseModel(read_std=0.004))

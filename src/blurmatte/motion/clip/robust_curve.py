@@ -107,8 +107,9 @@ class RobustCurve:
             starts = [np.log10([self.intensity, *self.added])]
         else:
             starts = [np.array([q, *(0.0 for _ in self.added)]) for q in _START_DECADES]
-        found = [least_decades(lambda x: self._with_decades(x).cost(), x, ranges) for x in starts]
-        return min(map(self._with_decades, found), key=type(self).cost)
+        return self._with_decades(
+            least_decades(lambda x: self._with_decades(x).cost(), starts, ranges)
+        )
 
     def _with_decades(self, x: Array) -> Self:
         """With an intensity and added errors, powers of ten."""

@@ -119,5 +119,5 @@ def _likeliest(y: Array, V: Array, X: Array) -> tuple[float, RollingShutter]:
         return student_cost(chi2, logs, numbers), RollingShutter(readout, scatter)
 
     start = np.array([sum(_SCATTER_DECADES) / 2])
-    decades = least_decades(lambda x: fitted(10.0 ** x[0])[0], start, [_SCATTER_DECADES])
+    decades = least_decades(lambda x: fitted(10.0 ** x[0])[0], [start], [_SCATTER_DECADES])
     return fitted(float(10.0 ** decades[0]))

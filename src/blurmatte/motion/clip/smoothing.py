@@ -19,7 +19,7 @@ the residual χ² has the weight (ν + m) / (ν + χ²), 1 at most, and the cova
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from math import factorial
 
 import numpy as np
@@ -223,21 +223,28 @@ def student_inflation(freedom: int) -> float:
 
 
 def least_decades(
-    cost: Callable[[Array], float], start: Array, ranges: Sequence[tuple[float, float]]
+    cost: Callable[[Array], float], starts: Sequence[Array], ranges: Sequence[tuple[float, float]]
 ) -> Array:
-    """The powers of ten near a start, within ranges, of the least cost, by a pattern search."""
+    """The powers of ten near starts, within ranges, of the least cost, by pattern searches."""
     low, high = np.transpose(ranges)
-    best, step = np.clip(start, low, high), 1.0
-    least, axes = cost(best), np.eye(len(low))
-    while step > _MIN_STEP_DECADES:
-        trials = [np.clip(best + step * axis, low, high) for axis in (*axes, *-axes)]
-        costs = [cost(trial) for trial in trials]
-        k = int(np.argmin(costs))
-        if costs[k] < least:
-            best, least = trials[k], costs[k]
-        else:
-            step /= 2
-    return np.asarray(best)
+    axes = np.eye(len(low))
+    at = cache(lambda *x: cost(np.array(x)))  # searches return to where one was before
+
+    def search(start: Array) -> tuple[float, list[float]]:
+        """The least cost near a start, and where it is."""
+        best, step = np.clip(start, low, high), 1.0
+        least = at(*best.tolist())
+        while step > _MIN_STEP_DECADES:
+            trials = [np.clip(best + step * axis, low, high) for axis in (*axes, *-axes)]
+            costs = [at(*trial.tolist()) for trial in trials]
+            k = int(np.argmin(costs))
+            if costs[k] < least:
+                best, least = trials[k], costs[k]
+            else:
+                step /= 2
+        return least, best.tolist()
+
+    return np.array(min(map(search, starts), key=lambda found: found[0])[1])
 
 
 def added_std(reduced_chi2: Callable[[float], float], largest: float) -> float:
