@@ -45,7 +45,7 @@ class MaybePlate:
     """The plate, and how it may be changed to match the image."""
 
     plate: Annotated[
-        Path | None, option("FILE|none", "Without the object; none: guessed. Of a clip, else made.")
+        Path | None, option("FILE|none", "Without the object; none: guess; clip: made.")
     ] = None
     match: Annotated[str, option("MODE", "auto, none, exposure, shift or full.")] = "auto"
 

@@ -59,9 +59,9 @@ class SolvingOptions:
     solver: Annotated[
         str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
     ] = "auto"
-    seconds: Annotated[
-        float | None, option("S", "CPU time after which no further shape is fitted.")
-    ] = None
+    seconds: Annotated[float | None, option("S", "CPU time; then no further shape is fitted.")] = (
+        None
+    )
 
     @property
     def of_each_picture(self) -> bool:
@@ -94,7 +94,6 @@ class _PictureOptions:
 @command(
     "solve throw.png --plate empty_room.png -o out/",
     "solve throw.png --plate none --region 90,80,310,230 -o out/",
-    'solve "throws/*.png" --plate empty_room.png -o out/ --json',
     "solve rally.mp4 -o out/",
 )
 def solve(
@@ -112,8 +111,7 @@ def solve(
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
 
-    Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
-    folder; of a clip, frames.csv and layers.
+    Writes layer.exr, overview.png, report.json and more; of a clip frames.csv.
     """
     required = _required(require)
     solver, selection = how.solver, Selection(reading, colors, how.region)

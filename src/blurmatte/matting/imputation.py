@@ -15,8 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.background import PlateGuess
-from blurmatte.checks import Array, Floats
+from blurmatte.checks import Array
 from blurmatte.errors import BlurmatteError, PlateError
+from blurmatte.matting.averaging import AlphaEstimate, with_bounded_errors
 from blurmatte.matting.calibration import grade_of, on_streak
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
@@ -61,22 +62,22 @@ def _quick_solutions(
 
 
 def _with_scatter(found: Solution, about: Solution, others: Sequence[Solution]) -> Solution:
-    """A solution with its variance and that of others about one."""
+    """A solution with its variance and that of others about one; alpha errs as a fraction does."""
     every = about, *others
-
-    def std(name: str) -> Floats:
-        """Of a map."""
-        by_plate = _variance([np.asarray(getattr(one, name), float) for one in every])
-        own = np.asarray(getattr(found, f"{name}_std"))
-        return np.asarray(np.hypot(own, np.sqrt(by_plate)), own.dtype)
-
-    alpha_std = std("alpha")
+    alphas = [np.clip(np.asarray(one.alpha, float), 0, 1) for one in every]
+    lights = [np.asarray(one.premultiplied, float) for one in every]
     sums = [np.asarray(one.stats.sum_alpha or 0.0) for one in every]
-    sum_by_plate = float(np.sqrt(_variance(sums)))
-    use = on_streak(found.alpha, found.alpha_std)
-    alphas = [np.asarray(one.alpha, float)[use] for one in every]
-    by_plate = float(np.sqrt(_variance(alphas).mean())) if use.any() else 0.0
-    stats = _graded(found.stats, by_plate, sum_by_plate)
+    variance = _variance(alphas)
+    use = on_streak(found.alpha, found.alpha_std) & found.known
+    by_plate = float(np.sqrt(variance[use].mean())) if use.any() else 0.0
+    estimate = with_bounded_errors(
+        AlphaEstimate(
+            np.where(found.known, found.alpha, np.nan),
+            np.hypot(found.alpha_std, np.sqrt(variance)),
+            float(np.sqrt(_variance(sums))),
+        )
+    )
+    stats = _graded(found.stats, by_plate, estimate.sum_std)
     own = found.stats.alpha_error or by_plate
     factor = float(np.hypot(own, by_plate) / own) if own > 0 else 1.0
     model = replace(found.model, covariance=factor**2 * found.model.covariance)
@@ -87,8 +88,11 @@ def _with_scatter(found: Solution, about: Solution, others: Sequence[Solution]) 
             stats = replace(stats, sweep=SweepSummary.of(sweep))
     return replace(
         found,
-        alpha_std=alpha_std,
-        premultiplied_std=std("premultiplied"),
+        alpha_std=np.asarray(estimate.alpha_std, found.alpha_std.dtype),
+        premultiplied_std=np.asarray(
+            np.hypot(found.premultiplied_std, np.sqrt(_variance(lights))),
+            found.premultiplied_std.dtype,
+        ),
         model=model,
         stats=stats,
         sweep=sweep,
