@@ -4,6 +4,8 @@ from blurmatte.background.fit_match import Matching as Matching
 from blurmatte.background.fit_match import agreement as agreement
 from blurmatte.background.fit_match import fit_match as fit_match
 from blurmatte.background.fit_match import match_plate as match_plate
+from blurmatte.background.guess import PlateGuess as PlateGuess
+from blurmatte.background.guess import guess_plate as guess_plate
 from blurmatte.background.match import Match as Match
 from blurmatte.background.plate import PlateFit as PlateFit
 from blurmatte.background.plate import make_plate as make_plate

@@ -44,13 +44,18 @@ _LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solutio
 class MaybePlate:
     """The plate, and how it may be changed to match the image."""
 
-    plate: Annotated[Path | None, option("FILE", "Without the object; of a clip, else made.")] = (
-        None
-    )
+    plate: Annotated[
+        Path | None, option("FILE|none", "Without the object; none: guess; clip: made.")
+    ] = None
     match: Annotated[str, option("MODE", "auto, none, exposure, shift or full.")] = "auto"
 
     def __post_init__(self) -> None:
         matching_of(self.match)
+
+    @property
+    def is_guessed(self) -> bool:
+        """Whether there is none, and a single picture must do."""
+        return self.plate == Path("none")
 
 
 @dataclass(frozen=True)

@@ -72,17 +72,26 @@ class _PictureOptions:
     """Options that apply to all images."""
 
     reading: CameraReading
-    plate: bm.LinearImage
+    plate: bm.LinearImage | None  # None: it is guessed from the surroundings of the region
     notes: list[str]  # warnings of reading the plate
     selection: Selection
     occluder: Path | None
     solver: bm.matting.Solver | None
     matching: bm.background.Matching | None
 
+    def with_plate(self, image: bm.LinearImage) -> tuple[bm.LinearImage, bm.LinearImage]:
+        """An image and its plate; the noise of the image is that of its guess."""
+        if self.plate is not None:
+            return image, self.plate
+        region = self.selection.inside(image.size)
+        assert region is not None
+        plate = bm.background.guess_plate(image, region.mask)
+        return (image if image.noise is not None else image.with_noise(plate.image_noise)), plate
+
 
 @command(
     "solve throw.png --plate empty_room.png -o out/",
-    'solve "throws/*.png" --plate empty_room.png -o out/ --json',
+    "solve throw.png --plate none --region 90,80,310,230 -o out/",
     "solve rally.mp4 -o out/",
 )
 def solve(
@@ -104,7 +113,10 @@ def solve(
     """
     required = _required(require)
     solver, selection = how.solver, Selection(reading, colors, how.region)
-    if clip.means_clip(images, out, plate.plate, how.of_each_picture):
+    of_clip = clip.means_clip(images, out, plate.plate, how.of_each_picture)
+    if plate.is_guessed:
+        _check_guess(plate.match, how, reading.transfer, of_clip)
+    if of_clip:
         method = _limited(_clip_solver(solver, colors), how)
         solve_clip(images, plate, out, selection, clip, how.occluder, method, required, as_json)
         return
@@ -113,8 +125,8 @@ def solve(
     if plate.plate is None:
         raise ValueError(
             "a single picture needs --plate, the same scene without the object: photograph it, or take "
-            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'); see "
-            "blurmatte solve --help"
+            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'); or "
+            "guess it from the surroundings of the object: --plate none --region X0,Y0,X1,Y1"
         )
     method = _limited(_solver(solver, colors), how)
     check_folder(out)
@@ -122,17 +134,20 @@ def solve(
     named = plate.plate, how.region, how.occluder, *colors.files, reading.noise, reading.transfer
     files = given_files([], *named, solver.partition(":")[2])
     row = PictureRow(pairs, out, files)
-    reading = _with_curve(reading, pairs[0][0], plate.plate)
     notes: list[str] = []
-    B = reading.read(plate.plate, notes)
-    method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
+    B = None
+    if not plate.is_guessed:
+        reading = _with_curve(reading, pairs[0][0], plate.plate)
+        B = reading.read(plate.plate, notes)
+        method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
     settings = {
         "selection": repr(selection),
         "match": plate.match,
         "solver": f"{solver} {how.seconds}",
     }
-    row, matching = replace(row, settings=settings), matching_of(plate.match)
+    matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
+    row = replace(row, settings=settings)
     task = _PictureOptions(reading, B, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
@@ -167,8 +182,9 @@ def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[st
     with about(path) as said:
         log.info("reading the picture")
         C = task.reading.read(path, said)
-        match = bm.background.fit_match(C, task.plate, task.matching)
-        matched = match.apply(task.plate)
+        C, plate = task.with_plate(C)
+        match = bm.background.fit_match(C, plate, task.matching)
+        matched = match.apply(plate)
         streak = task.selection.streak(C, matched)
         hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
         with _naming_streaks(streak, C, matched):
@@ -221,6 +237,28 @@ def color(
         if out is not None:
             bm.write(out, model)
     answer(as_json, color_numbers(model), [in_degrees(model), *swatches(model), *bm.explain(model)])
+
+
+def _check_guess(match: str, how: SolvingOptions, transfer: str | None, of_clip: bool) -> None:
+    """Raise ValueError for options that a guess of the plate contradicts."""
+    if of_clip:
+        raise ValueError(
+            "--plate none guesses the scene behind the object in a picture alone; the plate of a clip "
+            "is made from its frames: leave --plate out"
+        )
+    if how.region is None:
+        raise ValueError(
+            "--plate none needs --region, where the object may have been: what is behind it is guessed "
+            "from the scene around that"
+        )
+    if match not in ("auto", "none"):
+        raise ValueError(f"--match {match} needs a plate; with --plate none leave it out")
+    if how.solver.startswith("shaded"):
+        raise ValueError("--solver shaded needs a plate: a guess does not show what is a shadow")
+    if transfer == "auto":
+        raise ValueError(
+            "--transfer auto compares image and plate; with --plate none name the curve"
+        )
 
 
 def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReading:
@@ -367,7 +405,7 @@ def _curve_doubts(
     """A warning if a disc of one color fits only with another transfer curve."""
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if reading.transfer is not None or not alike:
+    if reading.transfer is not None or not alike or isinstance(plate, bm.background.PlateGuess):
         return []
     sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
     if sweep is not None and sweep.model.rank == 1:

@@ -13,6 +13,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SolutionStats
 
 _REASONS = {
+    "plate": "the plate is a guess from the surroundings of the region",
     "shadow": "only light was lost, so that it may be a shadow",
     "light": "constant light of the object is assumed",
     "solver": "the errors of this solver are not calibrated",

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.averaging import AlphaEstimate, with_bounded_errors
 from blurmatte.matting.maps import Grade
 from blurmatte.sweep.assess.calibration import (
@@ -66,8 +66,13 @@ class Grading(NamedTuple):
 def claimed_error(estimate: AlphaEstimate) -> float:
     """s: root mean square over the streak of the standard deviation of an estimate."""
     std = np.hypot(estimate.alpha_std, estimate.scale_std * estimate.alpha)
-    use = (estimate.alpha > _MIN_ALPHA) & np.isfinite(std)
+    use = on_streak(estimate.alpha, std)
     return max(float(np.sqrt(np.mean(std[use] ** 2))) if use.any() else 0.0, _MIN_CLAIM)
+
+
+def on_streak(alpha: Floats, std: Floats) -> Bools:
+    """Pixels of the streak whose alpha is known: over these its error is a root mean square."""
+    return np.asarray((alpha > _MIN_ALPHA) & np.isfinite(std))
 
 
 def error_terms(

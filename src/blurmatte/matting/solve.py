@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.background import Matching, agreement, fit_match
+from blurmatte.background import Matching, PlateGuess, agreement, fit_match
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, as_array, check_kind, check_map, check_same_size
 from blurmatte.color.color_projection import streak_of_color
@@ -16,10 +16,12 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import graded_alone
 from blurmatte.matting.case import Answer, Case, Fitted, Pictures, Solver
-from blurmatte.matting.hypotheses import Averaged, shape_log_odds
+from blurmatte.matting.hypotheses import Averaged, Swept, shape_log_odds
+from blurmatte.matting.imputation import solve_before_guess
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shaded import mark_shadow
+from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, noise_of
 from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
@@ -29,6 +31,7 @@ from blurmatte.streaks.outliers import without_outliers
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.fitting_size import FittingSize
+from blurmatte.sweep.hypotheses import Disc
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.sweep import Sweep
 
@@ -88,11 +91,24 @@ def solve(
         If image and plate look swapped, or differ in brightness around the streak.
     """
     _check(image, plate, model, solver, streak, out, start)
-    pictures = _matched(image, plate, matching, occluder)
     solver = Averaged() if solver is None else solver
-    case, others = _case_of(pictures, model, solver, streak, start, prior)
-    warn_if_plate_differs(*case.compared)
-    return _solution(case, solver, others, out)
+    if isinstance(plate, PlateGuess):
+        image = image if image.noise is not None else image.with_noise(plate.image_noise)
+        matching = Matching.NONE
+
+    def before(plate: LinearImage, known: Solution | None = None) -> Solution:
+        """The solution before a plate of which nothing is a guess, quickly if another is known."""
+        given = model, solver, streak, start, out
+        if known is not None:
+            quick = Swept((Disc(),)) if known.solver.startswith("Swept") else Smooth()
+            given = known.model, quick, Streak(known.streak), known.sweep, None
+        pictures = _matched(image, plate, matching, occluder)
+        case, others = _case_of(pictures, *given[:4], prior)
+        if known is None:
+            warn_if_plate_differs(*case.compared)
+        return _solution(case, given[1], others, given[4])
+
+    return solve_before_guess(plate, before) if isinstance(plate, PlateGuess) else before(plate)
 
 
 def shape_odds(

@@ -1,0 +1,435 @@
+"""guess_plate: the scene behind an object, from the surroundings of a region of one picture.
+
+The light of the scene is a Gaussian random field, along each principal axis of the colors around the
+region a sum of three: a plane (universal kriging), a smooth part with a Matérn covariance, and texture
+with a spectrum of its own. The smooth part is known at cells of several pixels; its order, length and
+amplitude have the weight of their restricted likelihood around the region. The texture is what the
+surroundings leave; behind the object it is not predicted.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product, repeat
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from blurmatte.calibration import measure_noise_within
+from blurmatte.checks import Array, Bools, Box, Floats, as_array, check_map, rows_columns
+from blurmatte.errors import NoiseError, PlateError
+from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.statistics import QUANTILE_999_3, block_sums
+
+_SEED = 1
+_DRAWS = 4  # of the field: with the mean they give its error in whatever is computed from it
+_MAX_CELLS = 196  # around the region: the time of a fit increases with its cube
+_MIN_CELLS = 24  # around the region, from which a covariance can be estimated
+_MIN_RING_PX = 16  # width of the surroundings; else half that of the region
+_ORDERS = 0.5, 1.5, 2.5  # of the Matérn covariance: rough to smooth
+_LENGTHS = 7  # of the covariance, from one cell to twice the surroundings
+_NUGGETS = np.geomspace(1e-4, 1e4, 13)  # variance of cells that is not smooth, over that which is
+_REFINEMENTS = 2  # of what is hidden: a part of the region agrees with the guess
+_MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
+_MARGIN_PX = 4  # around what disagrees with the guess
+_MARGIN_FACTOR = (
+    1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
+)
+_MAX_GRAINS = 250_000  # of a window: cells of texture that is drawn
+_TILE_PX = 16  # width of tiles in which noise is measured
+_LEVELS = 4  # of light, and of how even tiles are
+_COVARIANCES = 12  # of each axis, that are averaged
+_MIN_VARIANCE = 1e-12  # light²: of 32-bit floats
+
+
+@dataclass(frozen=True, eq=False)
+class PlateGuess(LinearImage):
+    """A plate that was not photographed.
+
+    Parameters
+    ----------
+    hidden : (H, W) bool
+        Where it is a guess; elsewhere it is the image.
+    draws : tuple of (h, w, 3) float
+        Other scenes that agree with the surroundings as well, in the bounding box of `hidden`. Errors
+        of neighboring pixels are correlated: what is computed from the plate is computed from each of
+        them, and its error is their scatter about that of the plate.
+    image_noise : Noise
+        Noise of the image that it was made of.
+    """
+
+    hidden: Bools = None  # type: ignore[assignment]
+    draws: tuple[Floats, ...] = ()
+    image_noise: NoiseModel = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_map("hidden", self.hidden, self.rgb.shape[:2], kinds="b")
+
+    @property
+    def plates(self) -> list[LinearImage]:
+        """The plate, then each of the draws, as pictures of which nothing is a guess."""
+        first = LinearImage(self.rgb, self.noise, self.valid, self.meta)
+        place, found = rows_columns(box_of(self.hidden)), [first]
+        for draw in self.draws:
+            rgb = self.rgb.copy()
+            rgb[place] = np.where(self.hidden[place][..., None], draw, rgb[place])
+            found.append(replace(first, rgb=rgb))
+        return found
+
+
+def box_of(mask: Bools) -> Box:
+    """The bounding box of the True pixels, of which there is one at least."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
+
+
+def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
+    """Guess the scene behind an object from its surroundings, where there is no photograph of it.
+
+    Parameters
+    ----------
+    image : LinearImage
+        The picture with the object. Unknown noise is measured around the region.
+    region : (H, W) bool
+        Where the object may have been. Around it the scene must be seen: about as wide as the region.
+
+    Returns
+    -------
+    PlateGuess
+        The image with the mean of a random field in the region. Its noise contains the variance of the
+        field; `solve` takes the correlation of its errors from the draws.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the region is no such array, or empty.
+    PlateError
+        If too little of the scene is seen around the region.
+    """
+    check_picture("image", image)
+    region = as_array("region", region)
+    check_map("region", region, image.valid.shape, kinds="b")
+    if not region.any():
+        raise ValueError("the region is empty; mark where the object may have been")
+    if not (image.valid & ~region).any():
+        raise _too_little()
+    noise = _noise_of(image, region)
+    image = image if image.noise is not None else image.with_noise(noise)
+    hidden = region
+    for _ in range(_REFINEMENTS):
+        smaller = _Field.around(image, hidden).covered(image, hidden)
+        if np.count_nonzero(smaller) > _MAX_REMAINING * np.count_nonzero(hidden):
+            break
+        hidden = smaller
+    return _Field.around(image, hidden, _DRAWS).guess(image, hidden, noise)
+
+
+def _too_little() -> PlateError:
+    return PlateError(
+        "too little of the scene is seen around the region to guess what it hides; mark a smaller "
+        "region, or photograph the scene without the object (--plate FILE)"
+    )
+
+
+def _noise_of(image: LinearImage, region: Bools) -> NoiseModel:
+    """Noise of the image where the scene is seen, at least that of rounding."""
+    if isinstance(image.noise, NoiseModel):
+        return image.noise
+    least = rounding_noise(image)
+    try:
+        found = measure_noise_within(image, _even(image, ~region & image.valid)).noise
+    except NoiseError:
+        return least
+    return NoiseModel.from_coefficients(np.maximum(found.coefficients, least.coefficients))
+
+
+def _even(image: LinearImage, seen: Bools) -> Bools:
+    """(H, W) the least structured tiles of all levels of light: the others hold more than noise."""
+    light = np.asarray(image.rgb.mean(axis=-1), float)
+    fine = (light - scipy.ndimage.uniform_filter(light, 3)) ** 2
+    count = block_sums(seen.astype(float), _TILE_PX)
+    whole = count == _TILE_PX**2
+    level, rough = (block_sums(np.where(seen, a, 0), _TILE_PX)[whole] for a in (light, fine))
+    even = np.zeros(len(level), bool)
+    for part in np.array_split(np.argsort(level), _LEVELS):
+        even[part[np.argsort(rough[part])[: max(len(part) // _LEVELS, 1)]]] = True
+    tiles = np.zeros(whole.shape, bool)
+    tiles[whole] = even
+    inside = np.zeros(seen.shape, bool)
+    pixels = tiles.repeat(_TILE_PX, axis=0).repeat(_TILE_PX, axis=1)
+    inside[: pixels.shape[0], : pixels.shape[1]] = pixels
+    return inside if even.any() else seen
+
+
+class _Covariance(NamedTuple):
+    """Of the smooth part along one axis, in units of its amplitude, and how likely it is."""
+
+    order: float
+    length: float
+    nugget: float
+    amplitude: float
+    log_likelihood: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """The random field around a region: cells in a window, and what was fitted to them."""
+
+    window: Box
+    cell: int
+    mean: Array  # (rows, columns, 3) of the cells
+    std: Array  # (rows, columns, 3)
+    drawn: list[Array]  # each (rows, columns, 3): differences from the mean
+    axes: Array  # (3, 3) columns
+    texture: Array  # (3,) variance of a pixel along the axes
+    grain: int  # width of the cells whose autocovariance is known, pixels
+    autocovariance: Array  # (h, w, 3) of their means, at all lags, wrapped
+
+    @classmethod
+    def around(cls, image: LinearImage, hidden: Bools, draws: int = 0) -> "_Field":
+        """Of the surroundings of what is hidden, with draws; the noise of the image is known."""
+        window, cell = _window(hidden)
+        place = rows_columns(window)
+        light, seen = np.asarray(image.rgb[place], float), image.valid[place] & ~hidden[place]
+        count = block_sums(seen.astype(float), cell)
+        known = count > cell**2 / 2
+        if np.count_nonzero(known) < _MIN_CELLS:
+            raise _too_little()
+        axes = np.linalg.eigh(np.cov(light[seen].T))[1]
+        means = block_sums(np.where(seen[..., None], light @ axes, 0), cell)
+        means /= np.maximum(count, 1)[..., None]
+        # Cubic interpolation needs two cells around what is hidden.
+        unseen = block_sums((~seen).astype(float), cell) > 0
+        wanted = scipy.ndimage.binary_dilation(unseen, np.ones((5, 5)))
+        mean, std, drawn = _Kriging.of(known, wanted).smooth_part(means, draws)
+        rest = light @ axes - _interpolated(mean, light.shape[:2], cell)
+        rest = np.where(seen[..., None], rest, 0)
+        noise = np.asarray(image.variance[place], float)[seen].mean(axis=0) @ axes**2
+        texture = np.maximum((rest**2).sum(axis=(0, 1)) / np.count_nonzero(seen) - noise, 0)
+        grain = int(np.ceil(np.sqrt(seen.size / _MAX_GRAINS)))
+        own = block_sums(seen.astype(float), grain)
+        whole = own > grain**2 / 2
+        means = block_sums(rest, grain) / np.maximum(own, 1)[..., None] * whole[..., None]
+        autocovariance = _autocovariance(means, whole)
+        autocovariance[0, 0] = np.maximum(autocovariance[0, 0] - noise / grain**2, 0)
+        return cls(window, cell, mean, std, drawn, axes, texture, grain, autocovariance)
+
+    def covered(self, image: LinearImage, hidden: Bools) -> Bools:
+        """What of the hidden is near cells that disagree with the guess: the object may be there.
+
+        Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below
+        the threshold: that of the threshold over the largest disagreement.
+        """
+        place = rows_columns(self.window)
+        light, inside = np.asarray(image.rgb[place], float), hidden[place] & image.valid[place]
+        count = block_sums(inside.astype(float), self.cell)
+        d = block_sums(np.where(inside[..., None], light @ self.axes, 0), self.cell)
+        d = d / np.maximum(count, 1)[..., None] - self.mean
+        noise = np.asarray(image.variance[place], float)[inside].mean(axis=0) @ self.axes**2
+        variance = self.std**2 + self.texture + noise / self.cell**2
+        z2 = (d**2 / variance).sum(axis=-1)
+        differs = (z2 > QUANTILE_999_3) & (count > self.cell**2 / 2)
+        if not differs.any():
+            return hidden
+        part = np.sqrt(QUANTILE_999_3 / np.quantile(z2[differs], 0.95))
+        pixels = inside & differs.repeat(self.cell, axis=0).repeat(self.cell, axis=1)
+        half_width = float(scipy.ndimage.distance_transform_edt(np.pad(pixels, 1)).max())
+        margin = _MARGIN_PX + _MARGIN_FACTOR * part * 2 * half_width
+        near = np.zeros(hidden.shape, bool)
+        near[place] = scipy.ndimage.distance_transform_edt(~pixels) <= margin
+        return hidden & near
+
+    def guess(self, image: LinearImage, hidden: Bools, noise: NoiseModel) -> PlateGuess:
+        """The plate with what is hidden taken from the field."""
+        place, shape = rows_columns(self.window), hidden[rows_columns(self.window)].shape
+        inside = hidden[place][..., None]
+        rgb, variance = image.rgb.copy(), np.array(image.variance)
+        mean = self._in_pixels(self.mean, shape)
+        rgb[place] = np.where(inside, mean, rgb[place])
+        own = _interpolated(self.std, shape, self.cell) ** 2 + self.texture
+        variance[place] = np.where(inside, own @ (self.axes.T**2) + _MIN_VARIANCE, variance[place])
+        rng = np.random.default_rng(_SEED)
+        box = rows_columns(box_of(hidden), self.window)
+        draws = tuple(
+            (mean + self._in_pixels(one, shape) + self._textured(rng, shape) @ self.axes.T)[
+                box
+            ].astype(rgb.dtype)
+            for one in self.drawn
+        )
+        # It is no file: it has neither the steps nor the blocks of the image's.
+        meta = replace(
+            image.meta,
+            source="plate guessed from the surroundings",
+            levels=None,
+            compression=None,
+            subsampled=False,
+            coding=None,
+        )
+        return PlateGuess(rgb, variance, image.valid | hidden, meta, hidden, draws, noise)
+
+    def _in_pixels(self, cells: Array, shape: tuple[int, ...]) -> Array:
+        """Light of cells in the pixels of the window."""
+        return _interpolated(cells, shape, self.cell) @ self.axes.T
+
+    def _textured(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        """(h, w, 3) a draw of the texture along the axes."""
+        power = np.maximum(scipy.fft.fft2(self.autocovariance, axes=(0, 1)).real, 0)
+        # Negative power is noise of the estimate; the variance stays what it is.
+        total, variance = power.mean(axis=(0, 1)), self.autocovariance[0, 0]
+        power *= np.where(total > 0, variance / np.where(total > 0, total, 1), 0)
+        white = scipy.fft.fft2(rng.standard_normal(power.shape), axes=(0, 1))
+        drawn = scipy.fft.ifft2(np.sqrt(power) * white, axes=(0, 1)).real
+        if self.grain > 1:
+            drawn = drawn.repeat(self.grain, axis=0).repeat(self.grain, axis=1)
+        return np.asarray(drawn[: shape[0], : shape[1]])
+
+
+def _window(hidden: Bools) -> tuple[Box, int]:
+    """The box of what is hidden with its surroundings, whole cells, and the width of a cell."""
+    x0, y0, x1, y1 = box_of(hidden)
+    deep = scipy.ndimage.distance_transform_edt(np.pad(hidden[y0:y1, x0:x1], 1))
+    ring = max(_MIN_RING_PX, int(np.ceil(deep.max())))
+    height, width = hidden.shape
+    x0, y0, x1, y1 = (
+        max(x0 - ring, 0),
+        max(y0 - ring, 0),
+        min(x1 + ring, width),
+        min(y1 + ring, height),
+    )
+    seen = np.count_nonzero(~hidden[y0:y1, x0:x1])
+    cell = max(2, int(np.ceil(np.sqrt(seen / _MAX_CELLS))))
+    return (x0, y0, x0 + (x1 - x0) // cell * cell, y0 + (y1 - y0) // cell * cell), cell
+
+
+@dataclass(frozen=True, eq=False)
+class _Kriging:
+    """Cells of a window: the known ones predict all, with their covariance at the wanted ones."""
+
+    known: Bools  # (rows, columns)
+    wanted: Bools
+    to_known: Array  # (n, n) distances between known cells, in cells
+    to_all: Array  # (n, all)
+    to_wanted: Array  # (m, m)
+    trend: Array  # (all, 3) functions of the plane at all cells
+
+    @classmethod
+    def of(cls, known: Bools, wanted: Bools) -> "_Kriging":
+        """Of the cells of a window."""
+        at = np.argwhere(np.ones_like(known)).astype(float)
+        some, m = (at[mask.ravel()] for mask in (known, wanted))
+        cdist = scipy.spatial.distance.cdist
+        trend = np.column_stack([np.ones(len(at)), at / (at.max(axis=0) + 1) - 0.5])
+        return cls(known, wanted, cdist(some, some), cdist(some, at), cdist(m, m), trend)
+
+    def covariances(self, y: Array) -> list[list[_Covariance]]:
+        """For each axis of the light y (n, 3) of the known cells all covariances, by restricted
+        likelihood with the amplitude that maximizes it.
+        """
+        T = self.trend[self.known.ravel()]
+        null = np.linalg.qr(T, mode="complete")[0][:, T.shape[1] :]
+        projected = null.T @ y
+        found: list[list[_Covariance]] = [[], [], []]
+        for order, length in product(
+            _ORDERS, np.geomspace(1, 2 * float(self.to_known.max()), _LENGTHS)
+        ):
+            R = _matern(order, self.to_known / length)
+            values, vectors = np.linalg.eigh(null.T @ R @ null)
+            squares = (vectors.T @ projected) ** 2
+            v = np.maximum(values, 0)[:, None] + _NUGGETS
+            for axis, each in enumerate(found):
+                a = np.maximum(np.mean(squares[:, axis, None] / v, axis=0), _MIN_VARIANCE**2)
+                log = -0.5 * (np.log(v).sum(axis=0) + len(v) * np.log(a))
+                each += map(_Covariance, repeat(order), repeat(length), _NUGGETS, a, log)
+        return found
+
+    def conditional(self, one: _Covariance, y: Array) -> tuple[Array, Array]:
+        """Mean (all,) and covariance (m, m) of the smooth part, given the light y (n,)."""
+        T, of_wanted = self.trend[self.known.ravel()], self.trend[self.wanted.ravel()]
+        R = _matern(one.order, self.to_known / one.length) + one.nugget * np.eye(len(y))
+        r = _matern(one.order, self.to_all / one.length)
+        at = r[:, self.wanted.ravel()]
+        factor = scipy.linalg.cho_factor(R, lower=True)
+        Ry, RT, Rr = (scipy.linalg.cho_solve(factor, b) for b in (y, T, at))
+        normal = np.linalg.inv(T.T @ RT)
+        plane = normal @ (T.T @ Ry)
+        mean = self.trend @ plane + r.T @ (Ry - RT @ plane)
+        rest = of_wanted - at.T @ RT
+        S = _matern(one.order, self.to_wanted / one.length) - at.T @ Rr + rest @ normal @ rest.T
+        return mean, one.amplitude * S
+
+    def smooth_part(self, light: Floats, draws: int) -> tuple[Array, Array, list[Array]]:
+        """Mean, standard deviation and draws (rows, columns, 3) of the smooth part.
+
+        Averages over the covariances; deviations are 0 at cells that are not wanted.
+        """
+        y, wanted = np.asarray(light[self.known], float), self.wanted.ravel()
+        mean = np.zeros((len(wanted), 3))
+        deviations = np.zeros((1 + draws, len(wanted), 3))
+        rng = np.random.default_rng(_SEED)
+        for axis, each in enumerate(self.covariances(y)):
+            log = np.array([one.log_likelihood for one in each])
+            # Equal steps of the cumulative weight; the draws are some of them.
+            weight = np.cumsum(np.exp(log - log.max()))
+            steps = (np.arange(_COVARIANCES) + 0.5) / _COVARIANCES * weight[-1]
+            kept, count = np.unique(np.searchsorted(weight, steps), return_counts=True)
+            share = count / _COVARIANCES
+            fields = [self.conditional(each[k], y[:, axis]) for k in kept]
+            means, variances = (
+                np.stack(part) for part in ([m for m, _ in fields], [np.diag(S) for _, S in fields])
+            )
+            mean[:, axis] = share @ means
+            off = (means - mean[:, axis])[:, wanted]
+            deviations[0, wanted, axis] = np.sqrt(share @ (np.maximum(variances, 0) + off**2))
+            steps = np.searchsorted(np.cumsum(share), (np.arange(draws) + 0.5) / max(draws, 1))
+            roots = {k: _root(fields[k][1]) for k in set(steps.tolist())}
+            for draw, k in zip(deviations[1:], rng.permutation(steps), strict=True):
+                draw[wanted, axis] = off[k] + roots[k] @ rng.standard_normal(off.shape[1])
+        shape = (*self.known.shape, 3)
+        std, *drawn = (one.reshape(shape) for one in deviations)
+        return mean.reshape(shape), std, drawn
+
+
+def _root(S: Array) -> Array:
+    """(m, m) A with A Aᵀ = S, a covariance that may be singular."""
+    values, vectors = np.linalg.eigh(S)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0)))
+
+
+def _matern(order: float, d: Array) -> Array:
+    """Matérn's correlation of half-integer order at distances over the length."""
+    if order == 0.5:
+        return np.asarray(np.exp(-d))
+    if order == 1.5:
+        s = np.sqrt(3) * d
+        return np.asarray((1 + s) * np.exp(-s))
+    s = np.sqrt(5) * d
+    return np.asarray((1 + s + s * s / 3) * np.exp(-s))
+
+
+def _interpolated(cells: Array, shape: tuple[int, ...], cell: int) -> Array:
+    """(h, w, 3) cubic interpolation of values at the centers of cells."""
+    at = [(np.arange(n) - (cell - 1) / 2) / cell for n in shape]
+    grid = np.meshgrid(*at, indexing="ij")
+    return np.stack(
+        [
+            scipy.ndimage.map_coordinates(cells[..., c], grid, order=3, mode="nearest")
+            for c in range(cells.shape[-1])
+        ],
+        axis=-1,
+    )
+
+
+def _autocovariance(rest: Array, seen: Bools) -> Array:
+    """(2 h, 2 w, 3) autocovariance at all lags, tapered; rest is 0 where nothing is seen."""
+    shape = [scipy.fft.next_fast_len(2 * n) for n in seen.shape]
+    spectrum = scipy.fft.fft2(rest, shape, axes=(0, 1))
+    pairs = scipy.fft.ifft2(np.abs(scipy.fft.fft2(seen.astype(float), shape)) ** 2).real
+    products = scipy.fft.ifft2(np.abs(spectrum) ** 2, axes=(0, 1)).real
+    found = products / np.maximum(pairs, 1)[..., None]
+    lags = [np.minimum(np.arange(n), n - np.arange(n)) for n in shape]
+    reach = min(seen.shape) / 4
+    taper = [
+        np.where(lag < reach, 0.5 + 0.5 * np.cos(np.pi * np.minimum(lag / reach, 1)), 0)
+        for lag in lags
+    ]
+    return np.asarray(found * (taper[0][:, None] * taper[1])[..., None])

@@ -1,0 +1,76 @@
+"""guess_plate: the scene behind an object from its surroundings, with an error that is true."""
+
+import numpy as np
+import pytest
+import scipy
+from numpy.testing import assert_array_equal
+
+from blurmatte.background import PlateGuess, guess_plate
+from blurmatte.errors import PlateError
+from blurmatte.radiometry import LinearImage
+
+NOISE = 0.004
+REGION = np.zeros((72, 96), bool)
+REGION[26:46, 30:66] = True
+
+
+def wall(seed, texture=0.0, reach=6.0):
+    """A wall in light that falls off, with smooth texture of a standard deviation; and its picture."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:72, :96] / 96
+    shade = 0.4 + 0.2 * x - 0.15 * (x - 0.4) ** 2 - 0.2 * (y - 0.3) ** 2
+    field = scipy.ndimage.gaussian_filter(rng.standard_normal((72, 96)), reach, mode="wrap")
+    scene = (shade + texture * field / field.std())[..., None] * (1, 0.9, 0.75)
+    return scene, LinearImage(scene + rng.normal(0, NOISE, scene.shape))
+
+
+def covered(picture):
+    """The picture with something bright in the region."""
+    rgb = picture.rgb.copy()
+    rgb[REGION] = 3.0
+    return LinearImage(rgb)
+
+
+def test_wall_is_guessed_within_its_error():
+    scene, picture = wall(0)
+    guess = guess_plate(covered(picture), REGION)
+    error = (guess.rgb - scene)[REGION]
+    assert np.abs(error).max() < NOISE
+    assert np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.5
+    assert guess.image_noise.variance(scene)[REGION].mean() == pytest.approx(NOISE**2, rel=0.3)
+
+
+def test_picture_is_unchanged_where_the_scene_is_seen():
+    _, picture = wall(1)
+    guess = guess_plate(covered(picture), REGION)
+    assert_array_equal(guess.rgb[~REGION], picture.rgb[~REGION])
+    first, *others = guess.plates
+    assert not any(isinstance(one, PlateGuess) for one in guess.plates)
+    assert_array_equal(first.rgb, guess.rgb)
+    for other in others:
+        assert_array_equal(other.rgb[~REGION], picture.rgb[~REGION])
+
+
+@pytest.mark.parametrize("reach", [1.0, 6.0])
+def test_errors_of_pixels_and_of_their_sum_are_those_of_texture(reach):
+    """Statistical: true errors over claimed ones, of pixels by the variance, of sums by draws."""
+    pixels, sums = [], []
+    for seed in range(3):
+        scene, picture = wall(seed, texture=0.05, reach=reach)
+        guess = guess_plate(covered(picture), REGION)
+        error = (guess.rgb - scene)[REGION]
+        pixels.append(np.mean(error**2 / guess.variance[REGION]))
+        drawn = [(one.rgb - guess.rgb)[REGION].sum() ** 2 for one in guess.plates[1:]]
+        sums.append(error.sum() ** 2 / np.mean(drawn))
+    assert 0.5 < np.sqrt(np.mean(pixels)) < 1.6
+    assert np.sqrt(np.mean(sums)) < 2
+
+
+def test_region_without_surroundings_is_refused():
+    _, picture = wall(0)
+    with pytest.raises(PlateError, match="too little of the scene"):
+        guess_plate(picture, np.ones_like(REGION))
+    with pytest.raises(ValueError, match="empty"):
+        guess_plate(picture, np.zeros_like(REGION))
+    with pytest.raises(ValueError, match="shape"):
+        guess_plate(picture, REGION[1:])

@@ -1,0 +1,56 @@
+"""solve --plate none: a photograph without a plate, and what it contradicts."""
+
+import json
+
+import numpy as np
+import pytest
+from tests.commands import run
+
+import blurmatte as bm
+
+
+@pytest.fixture(scope="module")
+def photo(tmp_path_factory):
+    """A bar that moved before a plain wall, alpha 0.5 within 40 x 16 pixels."""
+    rng = np.random.default_rng(0)
+    light = np.full((80, 112, 3), (0.5, 0.45, 0.4)) * (1 + np.linspace(0, 0.2, 112)[:, None])
+    light[32:48, 36:76] = 0.5 * light[32:48, 36:76] + 0.5 * np.array([0.05, 0.1, 0.6])
+    codes = np.rint(255 * bm.SRGB.encode(np.clip(light + rng.normal(0, 0.003, light.shape), 0, 1)))
+    path = tmp_path_factory.mktemp("photo") / "photo.png"
+    bm.write(path, bm.decode(codes.astype(np.uint8), bm.SRGB))
+    return path
+
+
+def test_photograph_is_solved_before_a_guess(photo, tmp_path):
+    """Exact: alpha 0.5 over 640 pixels."""
+    region = ("--plate", "none", "--region", "28,24,84,56")
+    color = ("--color", "#3f59cb", "--solver", "smooth")
+    result = run("solve", photo, *region, *color, "--out", tmp_path)
+    assert result.exit_code == 0, result.stderr
+    first = result.stdout.splitlines()[0]
+    assert not first.startswith("confirmed")
+    assert "the plate is a guess from the surroundings of the region" in first
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["stats"]["grade_reasons"][0] == "plate"
+    assert report["plate"]["file"] == "plate guessed from the surroundings"
+    stats = report["stats"]
+    assert abs(stats["sum_alpha"] - 320) < 3 * stats["sum_alpha_std"]
+    assert abs(stats["sum_alpha"] - 320) < 32
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        ([], "needs --region"),
+        (["--region", "28,24,84,56", "--match", "full"], "--match full needs a plate"),
+        (["--region", "28,24,84,56", "--solver", "shaded:x.png"], "--solver shaded needs a plate"),
+        (["--region", "28,24,84,56", "--transfer", "auto"], "name the curve"),
+        (["--layers", "png"], "leave --plate out"),
+    ],
+)
+def test_options_that_need_a_plate_are_refused(photo, tmp_path, options, says):
+    result = run("solve", photo, "--plate", "none", *options, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert says in result.stderr
+    assert len(result.stderr.splitlines()) <= 3
+    assert not (tmp_path / "out").exists()

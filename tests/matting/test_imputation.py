@@ -1,0 +1,72 @@
+"""solve before a guessed plate: alpha, and an error that contains that of the guess."""
+
+import numpy as np
+import pytest
+from tests.scenes import photographed, rendered
+
+from blurmatte.background import guess_plate
+from blurmatte.color import ColorModel
+from blurmatte.matting import Grade, Smooth, solve
+from blurmatte.rendering import Ball, Camera, Scene, plain_plate
+from blurmatte.trajectory import Trajectory
+
+COLOR = (0.1, 0.3, 0.8)
+SCENE = Scene(
+    plain_plate((144, 112), (0.5, 0.4, 0.3), 1),
+    Trajectory.line((50.0, 52.0), (94.0, 60.0)),
+    Ball(9.0, COLOR, ambient=1.0),
+)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    """The picture, its guessed plate, and the true alpha."""
+    image, _ = photographed(SCENE, Camera(code_std=1 / 255))
+    alpha = rendered(SCENE).layer.alpha
+    region = np.zeros(alpha.shape, bool)
+    region[34:78, 32:112] = True
+    return image, guess_plate(image, region), alpha
+
+
+@pytest.fixture(scope="module")
+def smooth(seen):
+    """The solution before the guess with a known color, and that before its mean alone."""
+    image, plate, _ = seen
+    model = ColorModel.from_samples(np.array([COLOR]), std=1e-9)
+    mean = solve(image.with_noise(plate.image_noise), plate.plates[0], model, Smooth())
+    return solve(image, plate, model, Smooth()), mean
+
+
+def test_ball_before_a_wall_is_solved_without_a_plate(seen, smooth):
+    _, _, alpha = seen
+    solution, _ = smooth
+    error = (solution.alpha - alpha)[alpha > 0]
+    assert np.sqrt(np.mean(error**2)) < min(0.05, 2 * solution.stats.alpha_error)
+    assert abs(solution.alpha.sum() - alpha.sum()) < 3 * solution.stats.sum_alpha_std
+
+
+def test_error_contains_that_of_the_guess(smooth):
+    solution, before_mean = smooth
+    inside = solution.streak & solution.known
+    assert np.array_equal(solution.alpha, before_mean.alpha)
+    assert np.all(solution.alpha_std[inside] >= before_mean.alpha_std[inside])
+    assert solution.stats.sum_alpha_std > before_mean.stats.sum_alpha_std
+    assert solution.stats.alpha_error > before_mean.stats.alpha_error
+
+
+def test_guess_is_never_confirmed_and_says_why(smooth):
+    solution, _ = smooth
+    assert solution.grade is not Grade.CONFIRMED
+    assert solution.stats.grade_reasons[0] == "plate"
+    assert solution.stats.match is None
+
+
+@pytest.mark.battery
+def test_path_and_radius_are_found_before_a_guess(seen):
+    image, plate, alpha = seen
+    solution = solve(image, plate)
+    error = (solution.alpha - alpha)[alpha > 0]
+    assert np.sqrt(np.mean(error**2)) < min(0.02, 2 * solution.stats.alpha_error)
+    assert abs(solution.sweep.radius - 9) < 3 * solution.sweep.radius_std
+    assert abs(solution.sweep.length - np.hypot(44, 8)) < 1
+    assert solution.grade is Grade.PLAUSIBLE
