@@ -92,4 +92,4 @@ def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="a streak is that of one image"):
         fit_color([image], plate, find_streaks(image, plate)[0])
     with pytest.raises(ColorModelError, match="is gray"):
-        fit_color(image, replace(plate, meta=Meta("wall.png", gray=True)))
+        fit_color(*(replace(p, meta=Meta("wall.png", gray=True)) for p in (image, plate)))
