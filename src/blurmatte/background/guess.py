@@ -117,11 +117,11 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
     image = image if image.noise is not None else image.with_noise(noise)
     hidden = region
     for _ in range(_REFINEMENTS):
-        smaller = _Field.around(image, hidden).covered(image, hidden)
+        smaller = _AroundRegion.around(image, hidden).covered(image, hidden)
         if np.count_nonzero(smaller) > _MAX_REMAINING * np.count_nonzero(hidden):
             break
         hidden = smaller
-    return _Field.around(image, hidden, _DRAWS).guess(image, hidden, noise)
+    return _AroundRegion.around(image, hidden, _DRAWS).guess(image, hidden, noise)
 
 
 def _too_little() -> PlateError:
@@ -172,7 +172,7 @@ class _Covariance(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Field:
+class _AroundRegion:
     """The random field around a region: cells in a window, and what was fitted to them."""
 
     window: Box
@@ -186,7 +186,7 @@ class _Field:
     autocovariance: Array  # (h, w, 3) of their means, at all lags, wrapped
 
     @classmethod
-    def around(cls, image: LinearImage, hidden: Bools, draws: int = 0) -> "_Field":
+    def around(cls, image: LinearImage, hidden: Bools, draws: int = 0) -> "_AroundRegion":
         """Of the surroundings of what is hidden, with draws; the noise of the image is known."""
         window, cell = _window(hidden)
         place = rows_columns(window)

@@ -1,6 +1,7 @@
 """solve: image + plate + colors → Solution."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -83,7 +84,7 @@ def solve(
         If an argument has another type, or a size other than that of the image.
     PlateError, MotionError, ColorModelError
         If the plate does not fit the image; if nothing moved; if no model was given and the streak only
-        lost light, or the pictures are gray.
+        lost light, or colors were given for gray pictures.
 
     Warns
     -----
@@ -91,24 +92,52 @@ def solve(
         If image and plate look swapped, or differ in brightness around the streak.
     """
     _check(image, plate, model, solver, streak, out, start)
-    solver = Averaged() if solver is None else solver
+    given = model, solver or Averaged(), streak, start, prior, out
     if isinstance(plate, PlateGuess):
-        image = image if image.noise is not None else image.with_noise(plate.image_noise)
-        matching = Matching.NONE
+        return _before_guess(
+            image, plate, occluder, prior, lambda pictures: _solved(pictures, *given)
+        )
+    return _solved(_matched(image, plate, matching, occluder), *given)
+
+
+def _before_guess(
+    image: LinearImage,
+    plate: PlateGuess,
+    occluder: Bools | None,
+    prior: MotionPrior | None,
+    first: Callable[[Pictures], Solution],
+) -> Solution:
+    """The solution before a guessed plate; before its draws by a quick solver, from the first one."""
+    if image.noise is None:
+        image = image.with_noise(plate.image_noise)
 
     def before(plate: LinearImage, known: Solution | None = None) -> Solution:
         """The solution before a plate of which nothing is a guess, quickly if another is known."""
-        given = model, solver, streak, start, out
-        if known is not None:
-            quick = Swept((Disc(),)) if known.solver.startswith("Swept") else Smooth()
-            given = known.model, quick, Streak(known.streak), known.sweep, None
-        pictures = _matched(image, plate, matching, occluder)
-        case, others = _case_of(pictures, *given[:4], prior)
+        pictures = _matched(image, plate, Matching.NONE, occluder)
         if known is None:
-            warn_if_plate_differs(*case.compared)
-        return _solution(case, given[1], others, given[4])
+            return first(pictures)
+        quick = Swept((Disc(),)) if known.solver.startswith("Swept") else Smooth()
+        where = Streak(known.streak), known.sweep
+        return _solved(pictures, known.model, quick, *where, prior, None, warns=False)
 
-    return solve_before_guess(plate, before) if isinstance(plate, PlateGuess) else before(plate)
+    return solve_before_guess(plate, before)
+
+
+def _solved(
+    pictures: Pictures,
+    model: ColorModel | None,
+    solver: Solver,
+    streak: Streak | None,
+    start: Sweep | None,
+    prior: MotionPrior | None,
+    out: PixelMaps | None,
+    warns: bool = True,
+) -> Solution:
+    """The solution of matched pictures."""
+    case, others = _case_of(pictures, model, solver, streak, start, prior)
+    if warns:
+        warn_if_plate_differs(*case.compared)
+    return _solution(case, solver, others, out)
 
 
 def shape_odds(
