@@ -125,8 +125,8 @@ def solve(
     if plate.plate is None:
         raise ValueError(
             "a single picture needs --plate, the same scene without the object: photograph it, or take "
-            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'); or "
-            "guess it from the surroundings of the object: --plate none --region X0,Y0,X1,Y1"
+            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'), or "
+            "guess it: --plate none --region X0,Y0,X1,Y1; see blurmatte solve --help"
         )
     method = _limited(_solver(solver, colors), how)
     check_folder(out)
