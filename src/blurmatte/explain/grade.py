@@ -18,7 +18,7 @@ _REASONS = {
     "light": "constant light of the object is assumed",
     "solver": "the errors of this solver are not calibrated",
     "duration": "the part of the exposure during which it was there is uncertain",
-    "gray": "a gray picture tells alpha by the shape alone",
+    "gray": "without hues alpha follows from the shape alone",
     "time": "not all explanations were tried in the given time",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain",

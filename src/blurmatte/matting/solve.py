@@ -116,7 +116,7 @@ def _before_guess(
         pictures = _matched(image, plate, Matching.NONE, occluder)
         if known is None:
             return first(pictures)
-        quick = Swept((Disc(),)) if known.solver.startswith("Swept") else Smooth()
+        quick = Swept((Disc(),)) if known.stats.has_shape else Smooth()
         where = Streak(known.streak), known.sweep
         return _solved(pictures, known.model, quick, *where, prior, None, warns=False)
 
