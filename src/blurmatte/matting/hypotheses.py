@@ -4,6 +4,7 @@ import logging
 import math
 from dataclasses import dataclass, field, replace
 from itertools import compress
+from typing import ClassVar
 
 import numpy as np
 
@@ -196,34 +197,18 @@ class Swept(Solver):
 
     needs_sweep = True
     takes_gray = True
+    with_shapeless: ClassVar[bool] = False  #: whether alpha without a shape competes
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
-        """Average the sweeps of a case."""
-        return _averaged(case, out, without_shape=False)
+        """Average the hypotheses about a case."""
+        return _averaged(case, out, self.with_shapeless)
 
 
 @dataclass(frozen=True)
-class Averaged(Solver):
-    """Sweeps and `Smooth`, averaged by their evidence.
+class Averaged(Swept):
+    """As `Swept`, averaged with `Smooth` by their evidence; the parameters are the same."""
 
-    Parameters
-    ----------
-    hypotheses : tuple of Hypothesis
-        The shapes on paths that compete.
-    seconds : float
-        CPU time after which no further shape is fitted; `SolutionStats.untried` names those that were
-        not. What is fitted then depends on the machine.
-    """
-
-    hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
-    seconds: float = field(default=math.inf, repr=False)
-
-    needs_sweep = True
-    takes_gray = True
-
-    def answer(self, case: Case, out: PixelMaps | None) -> Answer:
-        """Average the sweeps of a case, and alpha without a shape."""
-        return _averaged(case, out, without_shape=True)
+    with_shapeless = True
 
 
 def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
