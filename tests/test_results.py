@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from tests.scenes import rendered
+from tests.scenes import noisy, rendered
 
 import blurmatte as bm
 from blurmatte.cli.console import in_degrees
@@ -19,7 +19,7 @@ from blurmatte.figures.sheet import Canvas
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.summary import mean_light
 from blurmatte.radiometry import hex_of_light
-from blurmatte.rendering import add_noise, colorful_plate
+from blurmatte.rendering import colorful_plate
 from blurmatte.results import RESULT_FILES
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=5e-4)
@@ -32,14 +32,10 @@ NAMES = [
 @pytest.fixture(scope="module")
 def solved():
     """An image with one clipped pixel in the streak, its plate, and its solution."""
-    rng = np.random.default_rng(1)
     body = bm.rendering.Ball(9, np.array([0.9, 0.45, 0.05]))
     path = bm.Trajectory.line((30, 30), (60, 36))
     truth = rendered(bm.rendering.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body))
-    image, plate = (
-        bm.LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE)
-        for p in (truth.image, truth.plate)
-    )
+    image, plate = noisy(truth, NOISE, 1)
     image.valid[33, 45] = False
     streak = bm.Streak(truth.layer.alpha > 0)
     return image, plate, bm.solve(image, plate, truth.model, streak=streak)

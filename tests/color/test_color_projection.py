@@ -29,6 +29,18 @@ def plate_of(rng, shape=(20, 60)):
     return LinearImage(rng.uniform(0.2, 0.8, (*shape, 3)), NOISE)
 
 
+def with_a_hand_and_a_ball(rng):
+    """Streaks of any colors and of the model's color, in this order, with their image and plate."""
+    plate = plate_of(rng)
+    alpha, light = np.zeros((2, 20, 60))
+    masks = np.zeros((2, 20, 60), bool)
+    masks[0, 5:15, 5:15], masks[1, 5:15, 35:45] = True, True
+    light[masks[1]], alpha[masks[1]] = 0.2, 0.4
+    image = before(plate, alpha, light)
+    image.rgb[masks[0]] = rng.uniform(0, 1, (100, 3))
+    return *(Streak(mask) for mask in masks), image, plate
+
+
 def test_projected_light_does_not_depend_on_alpha():
     rng = np.random.default_rng(0)
     plate = plate_of(rng)
@@ -53,15 +65,7 @@ def test_variance_of_projected_light_is_that_of_noise():
 
 
 def test_light_of_another_color_projects_to_zero():
-    rng = np.random.default_rng(3)
-    plate = plate_of(rng)
-    alpha, light = np.zeros((2, 20, 60))
-    masks = np.zeros((2, 20, 60), bool)
-    masks[0, 5:15, 5:15], masks[1, 5:15, 35:45] = True, True
-    light[masks[1]], alpha[masks[1]] = 0.2, 0.4
-    image = before(plate, alpha, light)
-    image.rgb[masks[0]] = rng.uniform(0, 1, (100, 3))
-    hand, ball = (Streak(mask) for mask in masks)
+    hand, ball, image, plate = with_a_hand_and_a_ball(np.random.default_rng(3))
     assert streak_of_color([hand, ball], image, plate, MODEL) is ball
 
 
@@ -84,15 +88,8 @@ def test_streak_of_most_light_of_the_color_is_chosen():
 
 def test_a_streak_that_may_be_noise_is_chosen_only_if_all_may():
     """Before a plate of nearly the object's hue its own streak has little energy of the color."""
-    rng = np.random.default_rng(2)
-    plate = plate_of(rng)
-    alpha, light = np.zeros((2, 20, 60))
-    masks = np.zeros((2, 20, 60), bool)
-    masks[0, 5:15, 5:15], masks[1, 5:15, 35:45] = True, True
-    light[masks[1]], alpha[masks[1]] = 0.2, 0.4
-    image = before(plate, alpha, light)
-    image.rgb[masks[0]] = rng.uniform(0, 1, (100, 3))
-    object_, noise = Streak(masks[0]), Streak(masks[1], expected_false=3.0)
+    object_, other, image, plate = with_a_hand_and_a_ball(np.random.default_rng(2))
+    noise = replace(other, expected_false=3.0)
     assert streak_of_color([object_, noise], image, plate, MODEL) is object_
     both = [replace(object_, expected_false=3.0), noise]
     assert streak_of_color(both, image, plate, MODEL) is noise

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import noisy, rendered
 
 from blurmatte.color import ColorModel, core_colors, pick_colors
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory
 
@@ -15,14 +15,9 @@ PAINT = np.array([0.9, 0.45, 0.05])
 
 def photos(length, plate, noise=NOISE):
     """A noisy picture of a ball of radius 20 that moves by `length` pixels, plate and true alpha."""
-    rng = np.random.default_rng(7)
     path = Trajectory.line((90 - length / 2, 60), (90 + length / 2, 62))
     truth = rendered(Scene(plate, path, Ball(20, PAINT)))
-    image, empty = (
-        LinearImage(add_noise(light, noise, rng), noise)
-        for light in (truth.image.rgb, truth.plate.rgb)
-    )
-    return image, empty, truth.layer.alpha
+    return *noisy(truth, noise, 7), truth.layer.alpha
 
 
 @pytest.fixture

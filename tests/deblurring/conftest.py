@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import noisy, rendered
 
 import blurmatte as bm
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Rendering, add_noise, textured_plate
+from blurmatte.rendering import Rendering, textured_plate
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
@@ -38,17 +38,12 @@ def case(start=(18.2, 16.4), end=(44.7, 24.1), radius=8.0, seed=0, std=0.05, tex
     )
     scene = bm.rendering.Scene(textured_plate((64, 42), seed), bm.Trajectory.line(start, end), ball)
     truth = rendered(scene)
-    rng = np.random.default_rng(seed)
-    image, plate = (
-        LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)
-        for picture in (truth.image, truth.plate)
-    )
     path = np.array([*start, *end])
     sweep = Sweep(
         *(LINE, path, DISC, np.array([radius]), bm.ColorModel.any()),
         *(std**2 * np.eye(5), (64, 42)),
     )
-    return Case(truth, image, plate, sweep)
+    return Case(truth, *noisy(truth, NOISE, seed), sweep)
 
 
 @pytest.fixture(scope="module")

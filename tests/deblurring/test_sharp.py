@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.scenes import rendered
+from tests.scenes import noisy, photographed, rendered
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -13,8 +13,7 @@ from blurmatte.deblurring.compressed import linearized
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.view import View
 from blurmatte.metrics import subframe_psnr
-from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Camera, Change, Shot, add_noise
+from blurmatte.rendering import Camera, Change
 from blurmatte.sweep.model.path import BOUNCE, CUBIC, FROM_REST, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 
@@ -109,9 +108,7 @@ def test_a_growth_that_the_sweep_lacks_is_found():
     ball = bm.rendering.Ball(8, texture=patches(0), ambient=1.0)
     scene = replace(case().truth.scene, body=ball, change=Change(scale=(0.9, 1.1)))
     truth = rendered(scene)
-    image, plate = (
-        LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
-    )
+    image, plate = noisy(truth, NOISE, 0)
     (sweep,) = bm.deblur(image, plate, case().sweep).sweeps
     assert sweep.silhouette.changes
     assert abs(abs(sweep.shape[1]) - np.log(1.1 / 0.9)) < 0.03
@@ -121,9 +118,7 @@ def test_a_curved_path_that_was_fitted_as_a_bounce_is_found():
     t = np.linspace(0, 1, 65)
     curved = PARABOLA.at(np.array([14.0, 28.0, 32.0, 13.0, 50.0, 28.0]), t)[0]
     truth = rendered(replace(case().truth.scene, trajectory=bm.Trajectory(curved, t)))
-    image, plate = (
-        LinearImage(add_noise(p.rgb, NOISE, 0), NOISE) for p in (truth.image, truth.plate)
-    )
+    image, plate = noisy(truth, NOISE, 0)
     bounce = np.array([14.5, 27.0, 32.0, 12.0, 49.5, 27.0, 0.5])
     covariance = np.diag([0.05**2] * 6 + [0.01**2, 0.05**2])
     wrong = replace(case().sweep, family=BOUNCE, path=bounce, covariance=covariance)
@@ -156,8 +151,7 @@ def test_errors_of_a_wrong_model_are_widened():
         found = case(seed=seed)
         turning = replace(found.truth.scene, change=Change(spin=(0.3, 0.5, 0.2)))
         truth = rendered(turning)
-        rng = np.random.default_rng(seed)
-        image = LinearImage(add_noise(truth.image.rgb, NOISE, rng), NOISE)
+        image, _ = noisy(truth, NOISE, seed)
         result = bm.deblur(image, found.plate, found.sweep, refine=False)
         color, nodes = true_color(found._replace(truth=truth), result.lattice)
         z.append((result.color[nodes] - color) / result.node_std[nodes])
@@ -203,7 +197,7 @@ def compressed(texture):
     """A 4:2:0 picture and its plate of a ball, and its true sweep."""
     found = case(texture=texture)
     camera = Camera(code_std=1 / 255, bits=8, jpeg_quality=90, chroma="4:2:0")
-    image, plate = Shot(found.truth.scene, camera, plate_frames=5, seed=0).photograph(found.truth)
+    image, plate = photographed(found.truth.scene, camera, plate_frames=5)
     assert image.meta.compression is not None
     return found, image, plate
 

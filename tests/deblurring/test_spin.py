@@ -1,14 +1,13 @@
 """The spin of a ball: exact without a turn, rotations against SciPy, honest estimates, refusals."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
-from tests.scenes import rendered
+from tests.scenes import noisy, photographed, rendered
 
 import blurmatte as bm
 from blurmatte.deblurring import sphere_kernel, spin_choice
@@ -22,30 +21,22 @@ from blurmatte.deblurring.spin import harmonics
 from blurmatte.deblurring.spin_search import Search, rotation_grid
 from blurmatte.deblurring.view import View
 from blurmatte.metrics import subframe_psnr
-from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Camera, Lamp, Rendering, Shot, add_noise, textured_plate
+from blurmatte.rendering import Camera, Lamp, textured_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
 
-from .conftest import NOISE, patches
+from .conftest import NOISE, Case, patches
 
 SPIN = np.radians([-30.0, 55.0, 20.0])
-
-
-class Spinning(NamedTuple):
-    truth: Rendering
-    image: LinearImage
-    plate: LinearImage
-    sweep: Sweep
 
 
 LAMP = Lamp((0.4, -0.6, 0.7))
 
 
-def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0, lamps=(LAMP,)) -> Spinning:
+def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0, lamps=(LAMP,)) -> Case:
     """A ball of radius 8 that moves 31 pixels, its noisy pictures, and its sweep with errors."""
     look = {"color": np.array([0.6, 0.4, 0.2])} if plain else {"texture": patches(seed)}
     ball = bm.rendering.Ball(8.0, ambient=ambient, lamps=lamps, highlight=highlight, **look)
@@ -53,20 +44,16 @@ def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0, lamps=(
     path = bm.Trajectory.line(start, end)
     scene = bm.rendering.Scene(textured_plate((66, 44), seed), path, ball, Change(spin=tuple(spin)))
     truth, rng = rendered(scene), np.random.default_rng(seed)
-    image, plate = (
-        LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)
-        for picture in (truth.image, truth.plate)
-    )
-    error = rng.normal(0, 0.1, 4)
+    pictures, error = noisy(truth, NOISE, rng), rng.normal(0, 0.1, 4)
     sweep = Sweep(
         *(LINE, np.array([*start, *end]) + error, DISC, np.array([8.0]), bm.ColorModel.any()),
         *(0.1**2 * np.eye(5), scene.size),
     )
-    return Spinning(truth, image, plate, sweep)
+    return Case(truth, *pictures, sweep)
 
 
 @pytest.fixture(scope="module")
-def ball() -> Spinning:
+def ball() -> Case:
     return spinning()
 
 
@@ -259,7 +246,7 @@ def psnr(sharp, truth):
 def test_a_compressed_picture_of_a_spinning_ball_has_the_likelihood_of_its_file():
     case, spin = spinning(), bm.deblurring.Spin(SPIN)
     camera = Camera(code_std=1 / 255, bits=8, jpeg_quality=90, chroma="4:2:0")
-    image, plate = Shot(case.truth.scene, camera, plate_frames=5, seed=0).photograph(case.truth)
+    image, plate = photographed(case.truth.scene, camera, plate_frames=5)
     sharp = bm.deblur(image, plate, case.sweep, spin=spin, refine=False)
     plain = replace(image, meta=replace(image.meta, compression=None))
     independent = bm.deblur(plain, plate, case.sweep, spin=spin, refine=False)

@@ -2,18 +2,16 @@
 
 import numpy as np
 import pytest
+from tests.scenes import RED, solution_of
 
-from blurmatte.color import ColorModel
 from blurmatte.figures import draw_motion
 from blurmatte.figures.drawing import Palette
-from blurmatte.matting import Solution
 from blurmatte.motion import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import Sweep, path_family
 from blurmatte.sweep.model.silhouette import DISC
 
 SIZE = (120, 90)
-RED = ColorModel(np.array([[1.0], [0], [0]]))
 SWEEP = Sweep(
     path_family("line"),
     np.array([30.0, 40, 80, 50]),
@@ -25,17 +23,10 @@ SWEEP = Sweep(
 )
 
 
-def solution_of(alpha, sweep):
-    light = alpha[..., None] * RED.rgb[0]
-    quality = np.zeros(alpha.shape, np.uint8)
-    ones = np.full(alpha.shape, 0.01)
-    return Solution(alpha, ones, light, np.ones_like(light), quality, RED, "", sweep=sweep)
-
-
 @pytest.mark.parametrize("sweep", [SWEEP, None], ids=["sweep", "moments"])
 def test_path_and_outlines_cover_the_streak(sweep):
     """Exact: together they are as wide and as high as the streak."""
-    solution = solution_of(SWEEP.alpha, sweep)
+    solution = solution_of(SWEEP.alpha, sweep=sweep)
     motion = measure_motion(solution)
     image = LinearImage(np.full((SIZE[1], SIZE[0], 3), 0.1))
     sheet = draw_motion(image, solution, motion)
@@ -47,6 +38,6 @@ def test_path_and_outlines_cover_the_streak(sweep):
 
 def test_rejects_another_picture():
     """Door."""
-    solution = solution_of(SWEEP.alpha, SWEEP)
+    solution = solution_of(SWEEP.alpha, sweep=SWEEP)
     with pytest.raises(ValueError, match="image is 20x10 pixels and solution 120x90"):
         draw_motion(LinearImage(np.zeros((10, 20, 3))), solution, measure_motion(solution))

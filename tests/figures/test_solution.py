@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import noisy, rendered
 
 from blurmatte.color import ColorModel
 from blurmatte.figures import draw_overview
@@ -12,7 +12,7 @@ from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import SweepSummary
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
-from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep import Diagnostics
 from blurmatte.trajectory import Trajectory
@@ -23,15 +23,11 @@ PAINT = np.array([0.9, 0.45, 0.05])
 
 def solved(size, start, end, radius=6, region=None, name="image.png"):
     """A noisy image, its plate, and its solution with the true color."""
-    rng = np.random.default_rng(1)
     scene = Scene(
         colorful_plate(size, rng=2, tile=20), Trajectory.line(start, end), Ball(radius, PAINT)
     )
     truth = rendered(scene)
-    image, plate = (
-        LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE, meta=Meta(name))
-        for p in (truth.image, truth.plate)
-    )
+    image, plate = (replace(p, meta=Meta(name)) for p in noisy(truth, NOISE, 1))
     streak = Streak.from_box(region, size) if region else Streak(truth.layer.alpha > 0)
     return image, plate, solve(image, plate, truth.model, Pixelwise(), streak=streak)
 

@@ -2,12 +2,23 @@
 
 from functools import lru_cache
 
-from blurmatte.rendering import Shot, render
+import numpy as np
+
+from blurmatte.color import ColorModel
+from blurmatte.matting import Quality, Solution, SolutionStats
+from blurmatte.radiometry import LinearImage
+from blurmatte.rendering import Shot, add_noise, render
+
+RED = ColorModel.from_hex("#ff0000")
+
+
+def rendered(scene, substeps=200):
+    """The truth of a scene."""
+    return _rendered(scene, substeps)
 
 
 @lru_cache(maxsize=64)
-def rendered(scene, substeps=200):
-    """The truth of a scene."""
+def _rendered(scene, substeps):
     return render(scene, substeps)
 
 
@@ -16,3 +27,22 @@ def photographed(scene, camera, seed=0, plate_frames=3, substeps=200):
     """Image and plate as a camera takes them; the plate is the median of several pictures."""
     shot = Shot(scene, camera, plate_frames=plate_frames, seed=seed)
     return shot.photograph(rendered(scene, substeps))
+
+
+def noisy(truth, noise, seed):
+    """Image and plate of a rendering with known noise, and nothing else that a camera does."""
+    rng = np.random.default_rng(seed)
+    return tuple(
+        LinearImage(add_noise(light.rgb, noise, rng), noise) for light in (truth.image, truth.plate)
+    )
+
+
+def solution_of(alpha, std=0.01, streak=None, sweep=None, model=RED, **stats):
+    """A solution with this alpha (h, w), known everywhere, or in the streak only."""
+    quality = np.zeros(alpha.shape, np.uint8)
+    if streak is not None:
+        quality[~streak] = Quality.OUTSIDE
+    light = alpha[..., None] * model.rgb[0]
+    stds, numbers = np.full(alpha.shape, std, float), SolutionStats(**stats)
+    ones = np.ones_like(light)
+    return Solution(alpha, stds, light, ones, quality, model, "made up", numbers, sweep)

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.scenes import rendered
+from tests.scenes import photographed, solution_of
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
 from blurmatte.files import read_solution, write
-from blurmatte.matting import Quality, Solution, SolutionStats, solve
+from blurmatte.matting import solve
 from blurmatte.motion import measure_motion
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.motion.picture.motion import QUANTITIES
-from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
@@ -46,19 +46,6 @@ def sweep_of(family, path, silhouette=DISC, shape=(9.0,), std=0.05, residual_exc
         covariance,
         size,
         Diagnostics(residual_excess=residual_excess),
-    )
-
-
-def solution_of(alpha, std=0.01, streak=None, sweep=None, **stats):
-    """A Solution with this alpha, known everywhere."""
-    quality = np.zeros(alpha.shape, np.uint8)
-    if streak is not None:
-        quality[~streak] = Quality.OUTSIDE
-    light = alpha[..., None] * MODEL.rgb[0]
-    stds = np.broadcast_to(np.asarray(std, float), alpha.shape).copy()
-    numbers = SolutionStats(**stats)
-    return Solution(
-        alpha, stds, light, np.ones_like(light), quality, MODEL, "made up", numbers, sweep
     )
 
 
@@ -179,8 +166,8 @@ def test_errors_of_sweeps_match_scatter():
         start, radius = rng.uniform(14, 22, 2), rng.uniform(5, 8)
         path = Trajectory.line(start, start + rng.uniform(10, 26, 2))
         ball = Ball(radius, np.array([0.8, 0.35, 0.06]))
-        truth = rendered(Scene(colorful_plate((64, 64), seed, tile=14), path, ball))
-        image, plate = Shot(truth.scene, Camera(code_std=1 / 255), seed=seed).photograph(truth)
+        scene = Scene(colorful_plate((64, 64), seed, tile=14), path, ball)
+        image, plate = photographed(scene, Camera(code_std=1 / 255), seed, plate_frames=1)
         image = replace(image, meta=replace(image.meta, exposure_time=0.02))
         motion = measure_motion(solve(image, plate))
         assert (motion.source, motion.exposure_time) == ("sweep", 0.02)

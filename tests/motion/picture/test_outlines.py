@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
+from tests.scenes import solution_of
 
-from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
-from blurmatte.matting import Quality, Solution, SolutionStats
 from blurmatte.motion import end_silhouettes, measure_motion
 
-RED = ColorModel(np.array([[1.0], [0], [0]]))
 SHAPE = (60, 110)
 START, SHIFT = np.array([28.0, 24.0]), np.array([50.0, 12.0])
 
@@ -30,18 +28,15 @@ def streak(shift=SHIFT, moments=400):
     return alpha, silhouette(START, x, y), silhouette(START + shift, x, y)
 
 
-def solution_of(alpha, std, **stats):
-    light = np.repeat(alpha[..., None], 3, axis=-1)
-    quality = np.zeros(SHAPE, np.uint8)
-    quality[gaussian_filter(alpha, 2) < 0.002] = Quality.OUTSIDE
-    stds, numbers = np.full(SHAPE, std), SolutionStats(**stats)
-    return Solution(alpha, stds, light, np.ones_like(light), quality, RED, "made up", numbers)
+def around(alpha, std, **stats):
+    """A solution that is known where alpha is, and a few pixels around."""
+    return solution_of(alpha, std, gaussian_filter(alpha, 2) >= 0.002, **stats)
 
 
 def test_change_is_first_minus_last_silhouette():
     """Oracle: both silhouettes drawn and smoothed by the same Gaussian."""
     alpha, first, last = streak()
-    solution = solution_of(alpha, 1e-4)
+    solution = around(alpha, 1e-4)
     motion = measure_motion(solution)
     ends = end_silhouettes(solution, motion)
     assert ends.scale == 1
@@ -63,7 +58,7 @@ def test_change_is_zero_in_overlap():
 
 
 def _measured(alpha):
-    solution = solution_of(alpha, 1e-4)
+    solution = around(alpha, 1e-4)
     return solution, measure_motion(solution)
 
 
@@ -72,17 +67,17 @@ def test_error_matches_scatter(softness):
     """Honest: independent and correlated noise of pixels."""
     rng, std = np.random.default_rng(0), 0.01
     alpha, _, _ = streak()
-    motion = measure_motion(solution_of(alpha, 1e-4))
-    exact = end_silhouettes(solution_of(alpha, 1e-4), motion)
+    motion = measure_motion(around(alpha, 1e-4))
+    exact = end_silhouettes(around(alpha, 1e-4), motion)
     z = []
     for _ in range(20):
         noise = rng.normal(size=SHAPE)
         if softness:
             noise = gaussian_filter(noise, softness) * np.sqrt(4 * np.pi) * softness
-        inside = solution_of(alpha, std).streak
+        inside = around(alpha, std).streak
         together = max(4 * np.pi * softness**2, 1) * inside.sum() * std**2
         own = {"sum_alpha_std": float(np.sqrt(together))}
-        noisy = solution_of(alpha + np.where(inside, std * noise, 0), std, **own)
+        noisy = around(alpha + np.where(inside, std * noise, 0), std, **own)
         ends = end_silhouettes(noisy, motion)
         smooth = gaussian_filter(exact.change, np.sqrt(ends.scale**2 - 1))
         middle = gaussian_filter(inside.astype(float), 4) > 0.99
@@ -93,7 +88,7 @@ def test_error_matches_scatter(softness):
 def test_error_is_infinite_where_alpha_is_unknown():
     """Exact: infinite errors where alpha is not known."""
     alpha, _, _ = streak()
-    solution = solution_of(alpha, 0.001)
+    solution = around(alpha, 0.001)
     motion = measure_motion(solution)
     unknown = solution.alpha_std.copy()
     unknown[30, 50] = np.inf
@@ -107,6 +102,6 @@ def test_error_is_infinite_where_alpha_is_unknown():
 def test_object_at_rest_is_rejected():
     """Door."""
     y, x = np.indices(SHAPE).astype(float)
-    solution = solution_of(np.clip(10.5 - np.hypot(x - 50.3, y - 30.1), 0, 1), 0.02)
+    solution = around(np.clip(10.5 - np.hypot(x - 50.3, y - 30.1), 0, 1), 0.02)
     with pytest.raises(MotionError, match="first and the last silhouette cannot be distinguished"):
         end_silhouettes(solution, measure_motion(solution))

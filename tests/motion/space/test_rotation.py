@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.scenes import rendered, solution_of
 
 import blurmatte as bm
 from blurmatte.motion.space.rotation import _check_same, _Trial
@@ -42,18 +43,16 @@ def alpha_of(name, steps=150):
     return np.minimum(total, 1)
 
 
-def solution_of(alpha, std, seed):
-    noisy = alpha + std * np.random.default_rng(seed).standard_normal(alpha.shape)
-    light = np.zeros((*alpha.shape, 3))
-    quality = np.where(alpha > 0, 0, bm.Quality.OUTSIDE).astype(np.uint8)
-    model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
-    return bm.Solution(noisy, np.full(alpha.shape, std), light, light + 1, quality, model, "")
+def with_errors(alpha, std, seed):
+    """A solution whose alpha has independent errors."""
+    errors = std * np.random.default_rng(seed).standard_normal(alpha.shape)
+    return solution_of(alpha + errors, std, alpha > 0)
 
 
 @pytest.mark.parametrize("name", [name for name in FANS if name != "half"])
 def test_finds_center_and_angle(name):
     """exact: with little noise, from alpha alone."""
-    found = bm.motion.measure_rotation(solution_of(alpha_of(name), 0.01, 0), exposure_time=0.02)
+    found = bm.motion.measure_rotation(with_errors(alpha_of(name), 0.01, 0), exposure_time=0.02)
     angle = FANS[name][2]
     assert abs(found.angle - angle) < max(4 * found.angle_std, 1e-3)
     assert np.all(np.abs(found.center - CENTER) < np.maximum(4 * found.center_std, 0.02))
@@ -67,7 +66,7 @@ def test_errors_have_unit_z_scores():
     z, of_center = [], []
     for seed in range(4):
         for name in ("fan", "stick"):
-            solution = solution_of(alpha_of(name), 0.04, seed)
+            solution = with_errors(alpha_of(name), 0.04, seed)
             for center in (None, CENTER):
                 found = bm.motion.measure_rotation(solution, center)
                 z.append((found.angle - FANS[name][2]) / found.angle_std)
@@ -112,7 +111,7 @@ def test_rotation_from_rendered_pictures():
     scene = bm.rendering.Scene(
         colorful_plate(SIZE, 3, tile=25), rest, stick, Change(spin=(0, 0, 0.4))
     )
-    truth, camera = bm.rendering.render(scene, 100), bm.rendering.Camera(code_std=1 / 255)
+    truth, camera = rendered(scene, 100), bm.rendering.Camera(code_std=1 / 255)
     image, plate = (camera.photograph(p.rgb, k) for k, p in enumerate((truth.image, truth.plate)))
     found = bm.motion.measure_rotation(bm.solve(image, plate, truth.model, bm.Pixelwise()))
     assert abs(found.angle - 0.4) < 4 * found.angle_std
@@ -179,16 +178,16 @@ def test_undetermined_rotation_is_rejected():
     for alpha in (0.4 * disc, 0 * disc):
         for center in (None, CENTER):
             with pytest.raises(bm.errors.MotionError):
-                bm.motion.measure_rotation(solution_of(alpha, 0.01, 0), center)
+                bm.motion.measure_rotation(with_errors(alpha, 0.01, 0), center)
     straight = np.clip((x - 20) / 40, 0, 1) * np.clip((100 - x) / 40, 0, 1) * (abs(y - 50) < 9)
     with pytest.raises(bm.errors.MotionError):
-        bm.motion.measure_rotation(solution_of(straight, 0.01, 0))
+        bm.motion.measure_rotation(with_errors(straight, 0.01, 0))
 
 
 def test_half_turn_of_stick_is_rejected():
     """door: alpha is constant along circles; the message lists the possible turns."""
     with pytest.raises(bm.errors.MotionError, match="of 180° if it is a stick with two ends"):
-        bm.motion.measure_rotation(solution_of(alpha_of("half"), 0.01, 0))
+        bm.motion.measure_rotation(with_errors(alpha_of("half"), 0.01, 0))
 
 
 @pytest.mark.battery
@@ -196,7 +195,7 @@ def test_a_turn_beyond_half_is_not_mistaken_for_a_longer_one():
     """honest: noisy alpha of a stick; by a turn of 376° it looks much the same."""
     angle, z = FANS["beyond half"][2], []
     for seed in range(1, 9):
-        found = bm.motion.measure_rotation(solution_of(alpha_of("beyond half"), 0.04, seed))
+        found = bm.motion.measure_rotation(with_errors(alpha_of("beyond half"), 0.04, seed))
         z.append((found.angle - angle) / found.angle_std)
     assert np.abs(z).max() < 4
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
@@ -229,4 +228,4 @@ def test_invalid_input_is_rejected():
     with pytest.raises(TypeError, match="thing must be a Solution or a Sweep, got int"):
         bm.motion.measure_rotation(3)
     with pytest.raises(ValueError, match=r"center must be a point \(x, y\)"):
-        bm.motion.measure_rotation(solution_of(alpha_of("fan"), 0.01, 0), [1, 2, 3])
+        bm.motion.measure_rotation(with_errors(alpha_of("fan"), 0.01, 0), [1, 2, 3])
