@@ -931,7 +931,7 @@ def test_score_of_solutions_has_every_metric(renderings, tmp_path):
     assert [row.split()[:2] for row in rows] == names
     scores = json.loads((tmp_path / "scores.json").read_text())
     assert scores["one"]["alpha_rmse"] < 0.05
-    assert 0.2 < scores["one"]["alpha_spread"] < 1.3  # calibrated on harder scenes than this
+    assert 0.5 < scores["one"]["alpha_spread"] < 1  # calibrated on harder scenes than this
 
 
 def test_score_accepts_one_file(renderings, tmp_path):

@@ -31,12 +31,13 @@ def covered(picture):
     return LinearImage(rgb)
 
 
-def test_wall_is_guessed_within_its_error():
+def test_wall_is_guessed_within_a_conservative_error():
+    """Honest: a plane is smoother than most fields of which its cells may be a sample."""
     scene, picture = wall(0)
     guess = guess_plate(covered(picture), REGION)
     error = (guess.rgb - scene)[REGION]
     assert np.abs(error).max() < NOISE
-    assert np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.5
+    assert 0.15 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 0.5
     assert guess.image_noise.variance(scene)[REGION].mean() == pytest.approx(NOISE**2, rel=0.3)
 
 
@@ -51,19 +52,26 @@ def test_picture_is_unchanged_where_the_scene_is_seen():
         assert_array_equal(other.rgb[~REGION], picture.rgb[~REGION])
 
 
-@pytest.mark.parametrize("reach", [1.0, 6.0])
-def test_errors_of_pixels_and_of_their_sum_are_those_of_texture(reach):
-    """Statistical: true errors over claimed ones, of pixels by the variance, of sums by draws."""
+@pytest.mark.parametrize(
+    ("reach", "seeds"),
+    [
+        (1.0, 3),
+        pytest.param(1.0, 12, marks=pytest.mark.battery),
+        pytest.param(6.0, 12, marks=pytest.mark.battery),
+    ],
+)
+def test_errors_of_pixels_are_a_quarter_too_small_and_that_of_their_sum_is_honest(reach, seeds):
+    """Honest: true errors over claimed ones, of pixels by the variance, of sums by draws."""
     pixels, sums = [], []
-    for seed in range(3):
+    for seed in range(seeds):
         scene, picture = wall(seed, texture=0.05, reach=reach)
         guess = guess_plate(covered(picture), REGION)
         error = (guess.rgb - scene)[REGION]
         pixels.append(np.mean(error**2 / guess.variance[REGION]))
         drawn = [(one.rgb - guess.rgb)[REGION].sum() ** 2 for one in guess.plates[1:]]
         sums.append(error.sum() ** 2 / np.mean(drawn))
-    assert 0.5 < np.sqrt(np.mean(pixels)) < 1.6
-    assert np.sqrt(np.mean(sums)) < 2
+    assert 1.1 < np.sqrt(np.mean(pixels)) < 1.4
+    assert 0.8 < np.sqrt(np.mean(sums)) < 1.25
 
 
 def test_region_without_surroundings_is_refused():

@@ -164,8 +164,8 @@ def test_plate_of_h264_with_an_object_that_rests_and_moves_on(tmp_path, resting,
     free[30:60, 20:] = False
     assert valid[free].mean() > 0.95
     assert np.mean(valid[at_rest] & (np.abs(error / std) > 5).any(axis=-1)[at_rest]) < 0.002
-    assert 0.7 < np.sqrt(np.mean((error / std)[valid & free] ** 2)) < 1.3
-    assert np.sqrt(np.mean((error / std)[valid & ~free] ** 2)) < 1.3
+    assert 0.8 < np.sqrt(np.mean((error / std)[valid & free] ** 2)) < 1.25
+    assert 0.8 < np.sqrt(np.mean((error / std)[valid & ~free] ** 2)) < 1.25
 
 
 def test_ambiguous_pixels_are_not_valid(scene):
@@ -339,5 +339,5 @@ def test_plates_of_halves_of_a_real_clip_agree(real_data):
     assert both.mean() > 0.88
     variance = one.plate.variance + other.plate.variance
     z = ((one.plate.rgb - other.plate.rgb) / np.sqrt(variance))[both]
-    assert np.std(z) < 1.1
+    assert 0.8 < np.std(z) < 1.1
     assert np.mean(np.sqrt(np.mean(z**2, axis=-1)) > 3) < 0.003

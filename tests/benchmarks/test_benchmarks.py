@@ -113,7 +113,7 @@ def test_attempt_distinguishes_rejections_and_answers():
     errors = trials.attempt(image, plate, truth.model, truth).errors
     assert errors.known > 0.99
     assert 0 < errors.rmse < 0.005
-    assert 0.3 < errors.spread < 2  # neighbors err alike
+    assert 0.4 < errors.spread < 0.8  # calibrated on harder scenes than this
 
 
 # A clean commit

@@ -131,8 +131,10 @@ def test_noise_along_the_color_is_independent():
     assert_allclose(m @ np.diag(V) @ MODEL.normals, 0, atol=1e-12)
 
 
-def test_errors_before_a_black_stripe_are_calibrated():
-    """Honest: a turning sheet, where the closed form has almost no information."""
+def test_errors_before_a_black_stripe_are_conservative():
+    """Honest: the brightness may change there. A turning sheet, of which the closed form has almost no
+    information.
+    """
     size = (160, 128)
     plate = np.array(plain_plate(size, WALL, 0))
     plate[:, 70:90] = 0.002
@@ -148,8 +150,7 @@ def test_errors_before_a_black_stripe_are_calibrated():
         errors.append((solution.alpha - truth.layer.alpha)[dark])
         scores.append(errors[-1] / solution.alpha_std[dark])
     assert np.sqrt(np.mean(np.square(errors))) < 0.03
-    assert np.mean(np.abs(scores) < 1) > 0.5
-    assert np.mean(np.abs(scores) < 2) > 0.8
+    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 0.8
 
 
 def evidence_of_mixture(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
@@ -243,5 +244,4 @@ def test_errors_of_a_ball_before_a_plate_between_its_paints_are_calibrated():
     assert np.sqrt(np.mean((alpha - true)[true > 0] ** 2)) < 0.05
     assert np.sqrt(np.mean(alpha[true == 0] ** 2)) < 0.01
     z = calibration(alpha, solution.alpha_std, true, where=true > 0)
-    assert 0.55 < z.within_1 < 0.9
-    assert z.within_2 > 0.85
+    assert 0.8 < z.spread < 1.25

@@ -157,7 +157,7 @@ def solved(scene, solver):
 
 @pytest.mark.parametrize("solver", [Pixelwise(), Smooth()], ids=["pixelwise", "smooth"])
 def test_error_covers_the_alpha_of_a_possible_shadow(solver):
-    """honest: the errors of alpha and of its sum are at most those claimed."""
+    """honest: the errors of alpha are at most those claimed, and that of its sum is as large."""
     truth, solution = solved(replace(SCENE, shadow=Shadow((0, 34), 3, (0.5,) * 3)), solver)
     marked = (solution.quality & np.uint8(Quality.SHADOW)) != 0
     nothing = marked & (truth.layer.alpha == 0)
@@ -165,7 +165,7 @@ def test_error_covers_the_alpha_of_a_possible_shadow(solver):
     assert np.median(off) > 0.1
     assert np.mean(np.abs(off) < 2 * solution.alpha_std[nothing]) > 0.9
     off_sum = solution.stats.sum_alpha - truth.layer.alpha.sum()
-    assert 0.5 < off_sum / solution.stats.sum_alpha_std < 1.5
+    assert 0.8 < off_sum / solution.stats.sum_alpha_std < 1.25
 
 
 def test_without_a_shadow_errors_are_those_of_the_solver():

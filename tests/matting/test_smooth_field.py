@@ -62,7 +62,7 @@ def test_noise_is_reduced_and_errors_are_calibrated(order):
         error = (field.x - truth)[evidence.mask]
         assert np.sqrt(np.mean(error**2)) < 0.5 * 0.1
         scores.append(error / np.sqrt(field.variance[evidence.mask]))
-    assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.25
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.25
 
 
 @pytest.mark.parametrize("prior", PRIORS)
@@ -217,10 +217,10 @@ def test_rims_and_flat_regions_have_different_error_scales():
     (rim, flat), (honest_rim, honest_flat) = spreads(local=False)
     assert rim > 1.5 * flat
     assert honest_rim < rim
-    assert 0.7 < honest_flat < 1.3
+    assert 0.8 < honest_flat < 1.25
 
 
-def test_a_local_scale_follows_rims():
+def test_a_local_scale_follows_rims_whose_errors_are_40_percent_too_small():
     errors = []
     for local in (False, True):
         truth, evidence, _ = with_a_rim(5)
@@ -228,8 +228,8 @@ def test_a_local_scale_follows_rims():
         errors.append(np.sqrt(np.mean((field.x - truth)[evidence.mask] ** 2)))
     assert errors[1] < 0.95 * errors[0]
     rim, flat = spreads(local=True)[1]
-    assert 0.7 < rim < 1.6
-    assert 0.7 < flat < 1.3
+    assert 1.25 < rim < 1.6
+    assert 0.8 < flat < 1.25
 
 
 def test_uncertain_choice_of_the_prior_adds_to_the_error():

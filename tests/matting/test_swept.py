@@ -114,7 +114,7 @@ def test_errors_of_sum_and_light_are_honest_and_that_of_alpha_conservative():
         claimed.append(np.hypot(solution.alpha_std[core], scale))
         light = (solution.premultiplied - truth.layer.premultiplied)[core]
         z_light.append(light / solution.premultiplied_std[core])
-    assert 0.75 < np.sqrt(np.mean(np.square(z_sum))) < 1.3
+    assert 0.8 < np.sqrt(np.mean(np.square(z_sum))) < 1.25
     assert 0.08 < np.sqrt(np.mean(np.square(off)) / np.mean(np.square(claimed))) < 0.3
     assert 0.9 < np.sqrt(np.mean(np.square(z_light))) < 1.1
 
@@ -235,7 +235,7 @@ def test_any_colors_are_solved_before_texture(model):
     light = (solution.premultiplied - truth.layer.premultiplied)[inside]
     assert np.sqrt(np.mean(light**2)) < 0.02
     z = off[inside] / np.maximum(solution.alpha_std[inside], 1e-3)
-    assert np.sqrt(np.mean(z**2)) < 2
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1
     assert np.mean(solution.quality[inside] != 0) < 0.1
 
 
@@ -357,8 +357,8 @@ def test_chroma_blurred_rims_are_explained(monkeypatch, known):
 
 @pytest.mark.battery
 @pytest.mark.parametrize("known", [True, False], ids=["file is known", "file is unknown"])
-def test_errors_with_chroma_subsampling_are_honest(known):
-    """honest: chroma of a rim is blurred over a few pixels."""
+def test_errors_with_chroma_subsampling_are_conservative(known):
+    """honest: they are calibrated on harder scenes. Chroma of a rim is blurred over a few pixels."""
     scene = Scene(
         plain_plate((128, 96), (0.3, 0.33, 0.36), 1),
         Trajectory.line((60, 46), (68, 52)),
@@ -373,7 +373,7 @@ def test_errors_with_chroma_subsampling_are_honest(known):
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
     rms = np.sqrt(np.mean(off**2))
     assert rms < 0.03
-    assert rms < 2 * solution.stats.alpha_error
+    assert 0.3 < rms / solution.stats.alpha_error < 1
 
 
 def over(truth, seed, light, alpha):

@@ -30,10 +30,11 @@ def photographed(scene, camera, seed=0, plate_frames=3, substeps=200):
 
 
 def noisy(truth, noise, seed):
-    """Image and plate of a rendering with known noise, and nothing else that a camera does."""
+    """Image and plate of a rendering with known noise, float32 as of a file."""
     rng = np.random.default_rng(seed)
     return tuple(
-        LinearImage(add_noise(light.rgb, noise, rng), noise) for light in (truth.image, truth.plate)
+        LinearImage(add_noise(light.rgb, noise, rng).astype(np.float32), noise)
+        for light in (truth.image, truth.plate)
     )
 
 

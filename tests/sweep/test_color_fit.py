@@ -48,13 +48,13 @@ def test_shape_determines_a_color_ambiguous_by_hue():
 
 @pytest.mark.battery
 def test_its_error_is_honest():
-    """honest: the direction, in two independent angles, over 24 draws of noise."""
+    """honest: the direction, in two independent angles, over 40 draws of noise."""
     z = []
-    for seed in range(24):
+    for seed in range(40):
         model = fit_color(*photographed(FLAT[LINE], 20 + seed))
         off = GREEN / (model.pole @ GREEN) - model.pole
         z.append(off @ np.linalg.pinv(model.covariance) @ off / 2)
-    assert 0.75 < np.sqrt(np.mean(z)) < 1.25
+    assert 0.8 < np.sqrt(np.mean(z)) < 1.25
 
 
 @pytest.mark.battery

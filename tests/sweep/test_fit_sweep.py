@@ -373,7 +373,7 @@ def test_noise_hidden_by_a_codec_is_known_from_its_quantizers(tmp_path):
     clip = read_frames(tmp_path / "clip.mp4")
     image, plate = with_noise(clip[8], make_plate(clip[:8]).plate)
     z = (image.rgb - truth.image.rgb) / np.sqrt(image.variance)
-    assert 0.7 < np.std(z[truth.layer.alpha > 0]) < 1.5
+    assert 1.2 < np.std(z[truth.layer.alpha > 0]) < 1.5  # coding adds 40 % to the stated noise
     sweep = fit_sweep(image, plate)
     assert sweep.diagnostics.noise_inflation < 1.5
     assert_allclose(sweep.radius, 11, rtol=0.03)

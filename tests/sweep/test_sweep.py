@@ -62,8 +62,8 @@ def test_the_covariance_is_honest(scenes):
     """honest: 64 draws of noise, each fit from the truth; spread of every parameter, and the mean."""
     z = scatter(scenes[LINE], LINE)
     spread = np.sqrt(np.mean(z**2, axis=0))
-    assert spread.min() > 0.7
-    assert spread.max() < 1.4
+    assert spread.min() > 0.8
+    assert spread.max() < 1.25
     assert np.abs(z.mean(axis=0)).max() < 0.5
 
 
@@ -72,8 +72,8 @@ def test_the_covariance_is_honest(scenes):
 def test_the_covariance_of_curved_paths_is_honest(family):
     """honest"""
     spread = np.sqrt(np.mean(scatter(FLAT[family], family) ** 2, axis=0))
-    assert spread.min() > 0.6
-    assert spread.max() < 1.5
+    assert spread.min() > 0.8
+    assert spread.max() < 1.25
 
 
 @pytest.mark.battery

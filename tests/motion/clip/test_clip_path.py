@@ -199,7 +199,7 @@ def test_many_mistakes_do_not_change_the_path():
         ]
         clear = {int(k) for k, far in zip(wrong, off, strict=True) if far > 8}
         assert clear <= set(np.flatnonzero(~found.used).tolist())
-    assert np.median(z) < 1.5
+    assert 0.2 < np.median(z) < 0.5  # as conservative as without mistakes
     assert np.mean(np.array(z) < 3) > 0.95
 
 

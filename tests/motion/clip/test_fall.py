@@ -313,7 +313,7 @@ def test_fall_in_space_has_honest_acceleration_and_lengths():
         ratios.append((ratio - 1 / 0.9) / ratio_std)
     assert np.std(z) == pytest.approx(1, abs=0.2)
     assert np.mean(chi2) == pytest.approx(1, abs=0.15)
-    assert np.std(ratios) == pytest.approx(1, abs=0.25)
+    assert np.std(ratios) == pytest.approx(1, abs=0.2)
     assert abs(np.mean(ratios)) < 0.5
 
 

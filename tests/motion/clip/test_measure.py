@@ -86,7 +86,7 @@ def test_positions_and_velocities_are_within_errors(rows):
             (s.motion.radius - RADIUS) / s.motion.radius_std,
         ]
     assert np.max(np.abs(off)) < 4
-    assert 0.6 < np.sqrt(np.mean(np.square(off))) < 1.4
+    assert 0.8 < np.sqrt(np.mean(np.square(off))) < 1.25
 
 
 def test_frame_without_object_has_reason(rows):

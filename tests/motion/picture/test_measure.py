@@ -135,8 +135,12 @@ def test_moments_of_exact_alpha(angle):
     assert motion.width == pytest.approx(14, abs=0.03)
 
 
-@pytest.mark.parametrize("softness", [0, 1.5])
-def test_errors_of_moments_match_scatter(softness):
+@pytest.mark.parametrize(
+    ("softness", "least"),
+    [(0, 0.8), (1.5, 0.7)],
+    ids=["independent", "conservative for correlated"],
+)
+def test_errors_of_moments_match_scatter(softness, least):
     """Honest: with independent and, as in `Smooth`, with correlated errors of pixels."""
     from scipy.ndimage import gaussian_filter
 
@@ -154,7 +158,7 @@ def test_errors_of_moments_match_scatter(softness):
         z.append((motion.values - true) / np.sqrt(np.diag(motion.covariance)))
     z = np.array(z)
     assert np.abs(z.mean(axis=0)).max() < 0.4
-    assert_allclose(z.std(axis=0), 1, atol=0.25)
+    assert np.all((least < z.std(axis=0)) & (z.std(axis=0) < 1.25))
 
 
 @pytest.mark.battery

@@ -61,7 +61,7 @@ def test_finds_center_and_angle(name):
     assert_allclose(found.speed, found.angle / 0.02)
 
 
-def test_errors_have_unit_z_scores():
+def test_errors_of_angles_have_unit_z_scores_and_those_of_centers_are_conservative():
     """honest: a fan of three blades and a stick, with a known and an unknown center."""
     z, of_center = [], []
     for seed in range(4):
@@ -72,8 +72,8 @@ def test_errors_have_unit_z_scores():
                 z.append((found.angle - FANS[name][2]) / found.angle_std)
                 if center is None:
                     of_center.append((found.center - CENTER) / found.center_std)
-    assert 0.75 < np.sqrt(np.mean(np.square(z))) < 1.25
-    assert 0.5 < np.sqrt(np.mean(np.square(of_center))) < 1  # conservative
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
+    assert 0.5 < np.sqrt(np.mean(np.square(of_center))) < 0.8  # conservative
 
 
 def test_ramp_is_mean_over_turn_and_pixel():
@@ -194,11 +194,11 @@ def test_half_turn_of_stick_is_rejected():
 def test_a_turn_beyond_half_is_not_mistaken_for_a_longer_one():
     """honest: noisy alpha of a stick; by a turn of 376° it looks much the same."""
     angle, z = FANS["beyond half"][2], []
-    for seed in range(1, 9):
+    for seed in range(1, 17):
         found = bm.motion.measure_rotation(with_errors(alpha_of("beyond half"), 0.04, seed))
         z.append((found.angle - angle) / found.angle_std)
     assert np.abs(z).max() < 4
-    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 1.6
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
 
 
 def test_fits_are_compared_over_the_pixels_of_both():

@@ -55,7 +55,7 @@ def test_diagnostics_of_a_correct_sweep_are_small(scenes):
     _, d = known(scenes[LINE])
     assert d.rejection == ""
     assert d.converged
-    assert 0.75 < d.residual_excess < 1.2
+    assert 0.8 < d.residual_excess < 1.2
     assert d.outlier_fraction < 0.01
     assert d.variance_inflation < 1.2
     assert d.noise_inflation == 1

@@ -75,11 +75,13 @@ def radius_of(seed, fraction, with_coding=True):
     return (sweep.radius - radius) / sweep.radius_std, sweep.radius - radius
 
 
-@pytest.mark.parametrize("fraction", [0.0, 0.5])
-def test_radius_is_honest_whether_the_codec_lost_rims_or_not(fraction):
-    # honest
-    z = [radius_of(seed, fraction)[0] for seed in (0, 2)]
-    assert np.sqrt(np.mean(np.square(z))) < 2
+@pytest.mark.parametrize(("fraction", "least", "most"), [(0.0, 0.1, 0.6), (0.5, 1.4, 2.3)])
+def test_error_of_the_radius_is_conservative_if_no_rim_is_lost_and_half_as_large_as_it_should_be_else(
+    fraction, least, most
+):
+    """honest: a fit that has adapted to the loss of half of it finds a fifth to a third."""
+    z = [radius_of(seed, fraction)[0] for seed in range(3)]
+    assert least < np.sqrt(np.mean(np.square(z))) < most
 
 
 def test_correction_for_lost_rims_makes_a_disc_larger_and_less_certain():
@@ -172,4 +174,4 @@ def test_errors_from_jpegs_are_honest(quality, draws):
             RADIUS,
         ]
         z.append(off / np.sqrt(np.diag(sweep.covariance)[: len(off)]))
-    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25

@@ -31,6 +31,7 @@ from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 
 NEARER = Scene(WALL, along(LINE), Ball(10, GREEN, ambient=1.0), Change(scale=(0.75, 1.35)))
 AWAY = Scene(TILES, along(ARC), Ball(10, GREEN, ambient=1.0), Change(scale=(1.4, 0.8)))
+CURVED = Scene(TILES, along(CUBIC), Ball(10, GREEN, ambient=1.0), Change(scale=(0.75, 1.35)))
 
 
 @cache
@@ -43,7 +44,11 @@ def error(state, scene):
     return alpha_error(state.swept.alpha, within(state.observation, rendered(scene).layer.alpha))
 
 
-@pytest.mark.parametrize(("scene", "family"), [(NEARER, LINE), (AWAY, ARC)], ids=["nearer", "away"])
+@pytest.mark.parametrize(
+    ("scene", "family"),
+    [(NEARER, LINE), (AWAY, ARC), (CURVED, CUBIC)],
+    ids=["nearer", "away", "nearer on a cubic"],
+)
 def test_a_ball_that_comes_nearer_grows(scene, family):
     """exact up to noise: the logarithm of the ratio of sizes, and the mean size."""
     disc = disc_of(scene, family)
