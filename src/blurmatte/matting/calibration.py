@@ -145,17 +145,16 @@ def calibrated(
     terms: ErrorTerms,
     compressed: bool,
     exact_color: bool = False,
-    gray: bool = False,
 ) -> AlphaEstimate:
     """An average with its calibrated error.
 
     estimates: the hypotheses; the object may have been at any pixel that one of them covers.
     compressed: whether the image's file is compressed.
-    exact_color, gray: whether the color was given without an error, or the pictures are gray.
+    exact_color: whether the color was given without an error.
     """
     claim = claimed_error(average)
     file_class = COMPRESSED if compressed else UNCOMPRESSED
-    factor = fitted_calibration().factor(terms, file_class, exact_color, gray)
+    factor = fitted_calibration().factor(terms, file_class, exact_color)
     error = min(claim * factor, 1.0)
     alpha = np.asarray(average.alpha, float)
     use = alpha > _MIN_ALPHA

@@ -224,7 +224,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     terms = error_terms(average, estimates, summaries, sweep.diagnostics, exact)
     claim, compressed = claimed_error(average), case.is_compressed
     gray = fitted.image.meta.one_channel
-    average = calibrated(average, estimates, terms, compressed, exact, gray)
+    average = calibrated(average, estimates, terms, compressed, exact)
     error = claimed_error(average)
     average = found.with_open_errors(average)
     grade, alpha_error = graded(average)

@@ -204,17 +204,15 @@ def fit_hypotheses(
 
     def search(streak: Streak, image: LinearImage, plate: LinearImage) -> Multistart:
         """Fits before a plate."""
-        color = ColorPrior.of(model)
-        if image.meta.one_channel:
-            color = color.of_one_paint
-        return Multistart.of(streak, image, plate, color).with_prior(prior)
+        return Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
 
     def before(plate: LinearImage, streak: Streak) -> Hypotheses:
         """All hypotheses before a plate."""
         return _fit_before(image, plate, streak, search, start, hypotheses, limit)
 
     found = _in_likelier_light(before(plate, streak), image, before, limit)
-    if model is None and not _is_solid(found.best):
+    # Nobody can give the color of a black thing in a gray picture.
+    if model is None and not image.meta.one_channel and not _is_solid(found.best):
         check_no_shadow(image, plate, streak)
     return found
 

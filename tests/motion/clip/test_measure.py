@@ -22,7 +22,7 @@ from blurmatte.motion import (
     sightings,
 )
 from blurmatte.motion.clip.color import seen_color
-from blurmatte.radiometry import LinearImage, light_of_hex
+from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, LinearImage, decode, light_of_hex
 from blurmatte.rendering import Ball, Camera, Scene, Shadow, colorful_plate, plain_plate
 from blurmatte.trajectory import Trajectory
 
@@ -35,7 +35,7 @@ MODEL = ColorModel(np.array(COLOR)[:, None] / np.linalg.norm(COLOR))
 CAMERA = Camera(code_std=1 / 255)
 
 
-def light_of(plate, k, alone=False):
+def light_of(plate, k, alone=False, color=COLOR):
     """The exact light of a frame: a second, blue ball, and the ball except in one frame."""
     if not alone:
         other = Trajectory.line((140 - 14 * k, 16), (132 - 14 * k, 18))
@@ -45,7 +45,7 @@ def light_of(plate, k, alone=False):
     t = k - OPEN / 2
     begin = START + VELOCITY * t + GRAVITY * t**2 / 2
     path = Trajectory.parabola(begin, (VELOCITY + GRAVITY * t) * OPEN, GRAVITY * OPEN**2)
-    return rendered(Scene(plate, path, Ball(RADIUS, color=COLOR))).image.rgb
+    return rendered(Scene(plate, path, Ball(RADIUS, color=color))).image.rgb
 
 
 @pytest.fixture(scope="module")
@@ -191,7 +191,29 @@ def test_errors_of_fall_match_scatter():
     assert np.mean(chi2) == pytest.approx(1, abs=0.1)
 
 
-def test_rejects_gray_frames():
+@pytest.mark.parametrize("color", [COLOR, (0.02, 0.03, 0.02)], ids=["bright", "dark"])
+def test_balls_of_gray_frames_are_measured(color):
+    """oracle: one channel; before a textured plate a black ball is no shadow."""
+    rng, plate = np.random.default_rng(3), colorful_plate(SIZE, 2, tile=24)
+
+    def gray(light):
+        """The picture of a sensor of one channel."""
+        codes = 255 * SRGB.encode(light @ LUMA_WEIGHTS) + rng.normal(0, 1, light.shape[:2])
+        return decode(np.rint(codes).astype(np.uint8)[..., None] * np.ones(3, np.uint8), SRGB)
+
+    frames = [gray(light_of(plate, k, alone=True, color=color)) for k in range(3)]
+    rows = measure_clip(frames, gray(plate), rate=RATE)
+    assert [row.sighting is not None for row in rows] == [True] * 3
+    for k, row in enumerate(rows):
+        motion, middle = row.sighting.motion, START + VELOCITY * k + GRAVITY * k**2 / 2
+        assert_allclose(motion.center, middle + GRAVITY * OPEN**2 / 24, atol=0.25)
+        assert motion.radius == pytest.approx(RADIUS, abs=0.15)
+        assert motion.length == pytest.approx(
+            np.linalg.norm((VELOCITY + GRAVITY * k) * OPEN), abs=0.4
+        )
+
+
+def test_colors_are_refused_for_gray_frames():
     """Also those of three equal channels."""
     light = [light_of(plain_plate(SIZE, (0.5, 0.5, 0.48), 4), k)[..., [1, 1, 1]] for k in range(3)]
     plate, *frames = map(LinearImage, light)

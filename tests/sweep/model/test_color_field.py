@@ -131,7 +131,9 @@ def test_prior_and_cost_are_those_of_a_gaussian_field():
     for c in range(3):
         Q = D / field.change[c] ** 2 + np.eye(field.grid.size) / field.spread[c] ** 2
         assert_allclose(dense(field.prior[c]), Q, rtol=1e-12)
-        weight = float(student_weight(np.array(0.0))) / (V[..., c] + (1 - alpha) ** 2 * V[..., c])
+        weight = float(student_weight(np.array(0.0), 3)) / (
+            V[..., c] + (1 - alpha) ** 2 * V[..., c]
+        )
         posterior = Q + A.T @ (weight.reshape(-1, 1) * A)
         away = field.colors[:, c] - field.mean[c]
         cost += 0.5 * (np.linalg.slogdet(posterior)[1] - np.linalg.slogdet(Q)[1])
@@ -210,7 +212,7 @@ def test_an_outlier_has_little_weight(outlier):
     light[0][8, 10] += 5 * outlier
     field, e = fit_field(light, alpha, np.ones(SHAPE), PITCH, FREE)
     assert_allclose(field.colors, 0.5, atol=0.04)
-    assert (student_weight((e**2).sum(axis=0))[8, 10] < 1e-3) == outlier
+    assert (student_weight((e**2).sum(axis=0), 3)[8, 10] < 1e-3) == outlier
 
 
 def test_a_field_without_an_object_is_empty():

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import chi2
 
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.radiometry import LinearImage, NoiseModel, counted_once
 from blurmatte.streaks import Streak
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
@@ -75,21 +75,24 @@ def test_coarser_variance_is_that_of_a_mean(by):
         assert_allclose(coarse.B_variance[j, i], block.sum(axis=(0, 1)) / by**4)
 
 
-def test_correlated_noise_is_the_trimmed_variance_of_block_sums():
-    """oracle: noise common to n by n pixels has n² times the mean of the lower 70 % of χ²/3."""
+@pytest.mark.parametrize("channels", [1, 3])
+def test_correlated_noise_is_the_trimmed_variance_of_block_sums(channels):
+    """oracle: noise common to n by n pixels has n² times the mean of the lower 70 % of χ²/channels."""
     rng, std = np.random.default_rng(4), 0.01
     mask = np.zeros((240, 320), bool)
     mask[112:132, 140:180] = True  # the box around it begins with a whole cell
 
     def measured(by):
-        cells = rng.normal(0, std, (2, 240 // by, 320 // by, 3))
+        cells = rng.normal(0, std, (2, 240 // by, 320 // by, channels)) * np.ones(3)
         pictures = [
             LinearImage(0.4 + np.kron(x, np.ones((by, by, 1))), NOISE_OF_0_01) for x in cells
         ]
+        if channels == 1:
+            pictures = [counted_once(picture) for picture in pictures]
         return observation_around(Streak(mask), 100, *pictures, NEUTRAL).correlated_noise()
 
-    quantile = chi2.ppf(0.7, 3)
-    trimmed = chi2.cdf(quantile, 5) / 0.7  # the partial mean of χ² of 3 is the CDF of χ² of 5
+    quantile = chi2.ppf(0.7, channels)
+    trimmed = chi2.cdf(quantile, channels + 2) / 0.7  # the partial mean of χ² is another CDF
     assert measured(1) == 1
     for by in (2, 4):
         assert_allclose(measured(by), by**2 * trimmed, rtol=0.1)

@@ -39,9 +39,9 @@ def test_the_cost_is_the_loss_of_residuals_and_the_cost_of_the_field():
     observation = observed(BALL)
     state = disc_at(observation, offset=(1.0, -0.5))
     chi2 = (state.e**2).sum(axis=0)
-    expected = np.sum(observation.weight * loss(chi2)) + state.field.cost
+    expected = np.sum(observation.weight * loss(chi2, 3)) + state.field.cost
     assert_allclose(state.cost, expected, rtol=1e-12)
-    assert_allclose(state.weights, observation.weight * student_weight(chi2))
+    assert_allclose(state.weights, observation.weight * student_weight(chi2, 3))
     assert_allclose(state.chi2, chi2)
 
 
@@ -62,7 +62,7 @@ def test_the_gradient_is_that_of_the_loss(family, color):
 
     def loss_at(other):
         e = state.field.residuals(state.observation.light, other.swept.alpha)
-        return np.sum(observation.weight * loss((e**2).sum(axis=0)))
+        return np.sum(observation.weight * loss((e**2).sum(axis=0), 3))
 
     H, g = state.information()
     scale = np.sqrt(np.diag(H))  # the gradient in units of one standard deviation

@@ -6,7 +6,7 @@ be resumed. `link_sightings` joins the detections to tracks.
 
 import warnings
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,7 +40,7 @@ from blurmatte.radiometry import (
     coded_frames,
     each_coded,
 )
-from blurmatte.streaks import Streak
+from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around
 from blurmatte.sweep.sweep import Sweep
@@ -164,7 +164,8 @@ def scene_of(
         raise ValueError("frames must be one or more, got none")
     check_picture("a frame", frames[0])
     check_same_size("a frame", frames[0].size, "plate", plate.size)
-    check_not_gray(frames[0], plate)
+    if model.rank < 3:
+        check_not_gray(frames[0], plate)
     return StaticScene.of(frames, plate, hidden)
 
 
@@ -216,7 +217,9 @@ class _Detector:
     def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:
         """The strongest streaks of all crops that may be the object's, the strongest first."""
         if self.color is None:
-            parts = [(crop, one) for crop in crops for one in moving_parts(crop.image, crop.plate)]
+            parts = _all_parts(crops, moving_parts)
+            if not parts and self.scene.plate.meta.one_channel:
+                parts = _all_parts(crops, find_streaks)  # perhaps black; no hue shows a shadow
             least = -np.inf
         else:
             color = self.color
@@ -224,6 +227,13 @@ class _Detector:
             least = min_energy(max((one.evidence for _, one in parts), default=0.0))
         parts = [part for part in parts if part[1].evidence > least]
         return sorted(parts, key=lambda part: -part[1].evidence)[: max_parts(self.several)]
+
+
+def _all_parts(
+    crops: Sequence[Crop], parts_of: Callable[[LinearImage, LinearImage], list[Streak]]
+) -> list[tuple[Crop, Streak]]:
+    """The streaks of all crops."""
+    return [(crop, one) for crop in crops for one in parts_of(crop.image, crop.plate)]
 
 
 def _time_in(frames: Sequence[LinearImage], at: int) -> float | None:

@@ -18,6 +18,7 @@ from blurmatte.radiometry import (
     LinearImage,
     Noise,
     coded_frames,
+    counted_once,
     each_coded,
     in_codes_of,
 )
@@ -96,7 +97,7 @@ class StaticScene:
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        return cls(plate, few, noise_of(first), gate, hidden, coding)
+        return cls(plate, few, _of_each_channel(first), gate, hidden, coding)
 
     def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
         """Around each part that moved in the frame with this index."""
@@ -122,8 +123,13 @@ class StaticScene:
         """A frame in a box; if its noise is not known, it is that of all frames, of moving blocks.
 
         That of a codec is known at the light of the plate: few levels of light do not determine how it
-        grows.
+        grows. That of gray frames counts once (`Meta.one_channel`).
         """
+        image = self._with_noise(image, box)
+        return counted_once(image) if self.plate.meta.one_channel else image
+
+    def _with_noise(self, image: LinearImage, box: Box) -> LinearImage:
+        """As `with_noise`, the noise of each channel on its own."""
         if image.noise is not None:
             return image
         place, (x0, y0) = rows_columns(box), box[:2]
@@ -136,6 +142,14 @@ class StaticScene:
         for c in range(3):
             variance[..., c] += self.coding.moving.variance(plate[..., c], c, y0, x0)
         return image.with_noise(variance)
+
+
+def _of_each_channel(frame: LinearImage) -> Noise | Floats:
+    """The known noise of a frame; that of a gray one not counted once, as that of its codec."""
+    noise = noise_of(frame)
+    if not frame.meta.one_channel:
+        return noise
+    return noise.times(1 / 3) if isinstance(noise, Noise) else noise / 3
 
 
 def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:

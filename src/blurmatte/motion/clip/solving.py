@@ -25,7 +25,7 @@ from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, successes
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
-from blurmatte.streaks import Streak, dilated
+from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
 from blurmatte.sweep.model.path import LINE, PARABOLA
@@ -235,7 +235,7 @@ class FrameSolver:
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
         if self.color is None:
-            parts = moving_parts(crop.image, crop.plate)
+            parts = moving_parts(crop.image, crop.plate) or find_streaks(crop.image, crop.plate)
         else:
             parts = self.color.within(crop.box).parts(crop.image)
         x0, y0 = crop.box[:2]

@@ -192,7 +192,9 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
 
 
 def _color(clip: ClipInputs, scene: StaticScene, workers: Workers) -> ColorModel:
-    """The color of the object; perhaps any, if no shape on a path explains enough of its streaks."""
+    """The color of the object; any if the frames are gray, perhaps if no shape on a path is found."""
+    if scene.plate.meta.one_channel:
+        return ColorModel.any()
     try:
         return color_in_scene(clip.frames, scene, workers)
     except ColorModelError:

@@ -12,9 +12,9 @@ multiplied so that twice s' is exceeded by the same fraction of the pictures of 
 shows a kind of object that was left out of the fit.
 
 Those pictures were solved without a given color, and the errors of some are those of the color that was
-fitted. Where the color is given exactly, s' is multiplied by a smaller factor, and for gray pictures by
-a larger one. Errors of a single solver are multiplied by a factor for each class of files. These
-factors are conformal too (benchmarks/given_color.py; gray: 68 own PNG pictures turned gray).
+fitted. Where the color is given exactly, s' is multiplied by a smaller factor. Errors of a single
+solver are multiplied by a factor for each class of files. These factors are conformal too
+(benchmarks/given_color.py).
 """
 
 import json
@@ -86,16 +86,13 @@ class ErrorCalibration:
     class_factors: Mapping[str, float]  # by which the errors of a class of files are multiplied
     provenance: str = ""  # data of the fit
     exact_color: float = 1.0  # by which errors are multiplied if the color is given exactly
-    gray: float = 1.0  # the same if the pictures are gray
     # By which those of a solver are multiplied: its name and "given" or "fitted" color; class of file
     solver_factors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
-    def factor(
-        self, terms: ErrorTerms, file_class: str, exact_color: bool = False, gray: bool = False
-    ) -> float:
+    def factor(self, terms: ErrorTerms, file_class: str, exact_color: bool = False) -> float:
         """Factor of a claimed error."""
         exponent = self.intercept + sum(self._parts(terms).values())
-        by_color = self.exact_color if exact_color else self.gray if gray else 1.0
+        by_color = self.exact_color if exact_color else 1.0
         return float(by_color * self.class_factors[file_class] * np.exp(exponent))
 
     def solver_factor(self, solver: str, file_class: str, exact_color: bool) -> float:

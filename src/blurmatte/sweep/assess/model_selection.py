@@ -72,11 +72,13 @@ def evidence_of(
     noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, 1e-14)
     added = (alpha_std**2)[..., None] * by_alpha / noise
     normalization = 0.5 * np.log1p(added).sum(axis=-1)
-    cost = float((weight * (loss(chi2) + normalization)).sum()) + field.cost
-    limited = np.moveaxis(e * np.sqrt(student_weight(chi2)), 0, -1)
+    cost = float((weight * (loss(chi2, observation.channels) + normalization)).sum()) + field.cost
+    limited = np.moveaxis(e * np.sqrt(student_weight(chi2, observation.channels)), 0, -1)
     inside = (alpha > 0) & observation.valid
     correlated = (block_squares(limited, inside, size) for size in BlockStatistics.sizes_px)
-    inflation = max(1.0, *(float(s.mean()) for s in correlated if len(s)), 1.0)
+    channels = observation.channels
+    squares = (float(s.sum(axis=1).mean()) / channels for s in correlated if len(s))
+    inflation = max(1.0, *squares, 1.0)
     cost += OPTIMISM * float(np.count_nonzero(alpha_std))
     return Evidence(cost, inflation, parameters, float(weight.sum()))
 

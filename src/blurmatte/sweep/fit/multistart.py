@@ -139,10 +139,12 @@ class Multistart:
     def soft(self) -> State:
         """As `quick` and as likely, for pictures in which rims are seldom sharp.
 
-        The sharp disc is fitted only if the blur of the rim does not make its own likelier for sure.
+        The sharp disc is fitted only if the blur of the rim does not make its own likelier for sure. In
+        gray pictures a change of speed looks like a change of brightness: it must be worth its price.
         """
         curve, radius = self.curves[0]
-        coarse = best_of(self._fits(curve, radius, (PARABOLA,)))
+        families = (LINE, PARABOLA) if self.observation.channels == 1 else (PARABOLA,)
+        coarse = best_of(self._fits(curve, radius, families))
         soft = self._with_blur(with_principal_axes(coarse.on(self.observation)))
         if _is_surely_blurred(soft):
             return soft

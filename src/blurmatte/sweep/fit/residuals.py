@@ -3,13 +3,14 @@
 import numpy as np
 
 from blurmatte.checks import Array, Bools
-from blurmatte.statistics import MEDIAN_3, QUANTILE_999_3, block_squares
+from blurmatte.statistics import MEDIAN_3, block_squares, chi_square_quantile
 from blurmatte.streaks import dilated
 from blurmatte.sweep.model.observation import BlockStatistics
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
-_MAX_REPEATED_CHI2 = 0.3  # median outside the streak of codecs that repeat static parts
+# Median outside the streak, over that of noise, of codecs that repeat static parts
+_MAX_REPEATED_CHI2 = 0.3 / MEDIAN_3
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
 
 
@@ -19,8 +20,8 @@ def variance_inflation(state: State) -> float:
     The larger of both block sizes, within the sweep. The log likelihood is too large by this factor.
     """
     inside, _ = _places(state)
-    e = _weighted(state)
-    return max(1.0, *(_of_blocks(e, inside, 0.0, size) for size in BlockStatistics.sizes_px))
+    e, n = _weighted(state), state.observation.channels
+    return max(1.0, *(_of_blocks(e, inside, 0.0, size, n) for size in BlockStatistics.sizes_px))
 
 
 def hue_inflation(state: State) -> float:
@@ -35,17 +36,22 @@ def hue_inflation(state: State) -> float:
 def residual_excess(state: State) -> float:
     """Correlation of residuals within the sweep over that of the noise outside; about 1 if it fits.
 
-    Each is the variance of block sums over that of pixels: an error of the noise level cancels.
+    Each is the variance of block sums over that of pixels: an error of the noise level cancels. Few
+    blocks of one channel exceed 1 by chance: what they exceed in one of twenty cases counts as 1.
     """
-    e = _weighted(state)
+    e, n = _weighted(state), state.observation.channels
     inside, outside = _places(state)
     blocks = BlockStatistics
     ratios = [
-        _correlation(e, inside, blocks.trimmed_inside, size)
-        / max(_correlation(e, outside, blocks.trimmed_outside, size), 1.0)
+        _correlation(e, inside, blocks.trimmed_inside, size, n)
+        / max(_correlation(e, outside, blocks.trimmed_outside, size, n), 1.0)
         for size in BlockStatistics.sizes_px
     ]
-    return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
+    excess = float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
+    if n > 1 or excess <= 1:
+        return excess
+    independent = max(np.count_nonzero(inside) / max(blocks.sizes_px) ** 2, 1.0)
+    return max(1.0, excess / float(chi_square_quantile(0.95, independent) / independent))
 
 
 def explained_fraction(state: State) -> float:
@@ -53,15 +59,17 @@ def explained_fraction(state: State) -> float:
     observation, alpha = state.observation, state.swept.alpha
     use = (observation.streak | (alpha > 0)) & observation.valid
     variance = observation.C_variance + observation.B_variance
-    change = float((((observation.C - observation.B) ** 2 / variance)[use] - 1).sum())
-    left = float((state.chi2[use] - 3).sum())
+    noise = observation.channels * np.count_nonzero(use)
+    change = float(((observation.C - observation.B) ** 2 / variance)[use].sum()) - noise
+    left = float(state.chi2[use].sum()) - noise
     return float(np.clip(1 - left / change, 0, 1)) if change > 0 else 0.0
 
 
 def outlier_fraction(state: State) -> float:
     """Fraction of the sweep's pixels whose χ² exceeds the 99.9 % quantile of noise."""
     inside = (state.swept.alpha > 0) & state.observation.valid
-    return float(np.mean(state.chi2[inside] > QUANTILE_999_3)) if inside.any() else 1.0
+    limit = chi_square_quantile(0.999, state.observation.channels)
+    return float(np.mean(state.chi2[inside] > limit)) if inside.any() else 1.0
 
 
 def noise_inflation(state: State) -> float:
@@ -76,9 +84,10 @@ def noise_inflation(state: State) -> float:
     inside = (alpha > 0) & (alpha < OPAQUE) & observation.valid
     if not (inside.any() and outside.any()):
         return 1.0
-    if np.median(state.chi2[outside]) >= _MAX_REPEATED_CHI2:
+    median = float(chi_square_quantile(0.5, observation.channels))
+    if np.median(state.chi2[outside]) >= _MAX_REPEATED_CHI2 * median:
         return 1.0
-    inflation = float(np.median(state.chi2[inside])) / MEDIAN_3
+    inflation = float(np.median(state.chi2[inside])) / median
     variance = (observation.C_variance + observation.B_variance)[inside]
     change = float(np.mean((observation.C - observation.B)[inside] ** 2))
     explains = inflation * float(np.mean(variance)) < _MAX_NOISE_RATIO**2 * change
@@ -126,17 +135,17 @@ def _places(state: State) -> tuple[Bools, Bools]:
     return near & observation.valid & (alpha < OPAQUE), ~near & observation.valid
 
 
-def _correlation(e: Array, use: Bools, trimmed: float, size: int) -> float:
+def _correlation(e: Array, use: Bools, trimmed: float, size: int, channels: int) -> float:
     """Mean square of block sums over that of pixels; 1 if there are no pixels."""
     if not use.any():
         return 1.0
-    pixels = _trimmed_mean((e**2).mean(axis=-1)[use], trimmed)
-    return _of_blocks(e, use, trimmed, size) / pixels if pixels > 0 else 1.0
+    pixels = _trimmed_mean((e**2).sum(axis=-1)[use] / channels, trimmed)
+    return _of_blocks(e, use, trimmed, size, channels) / pixels if pixels > 0 else 1.0
 
 
-def _of_blocks(e: Array, use: Bools, trimmed: float, size: int) -> float:
+def _of_blocks(e: Array, use: Bools, trimmed: float, size: int, channels: int) -> float:
     squares = block_squares(e, use, size)
-    return _trimmed_mean(squares.mean(axis=1), trimmed) if len(squares) else 1.0
+    return _trimmed_mean(squares.sum(axis=1) / channels, trimmed) if len(squares) else 1.0
 
 
 def _trimmed_mean(values: Array, trimmed: float) -> float:

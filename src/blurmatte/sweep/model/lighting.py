@@ -101,7 +101,7 @@ def fit_lighting(observation: Observation) -> Lighting:
     chi2, change, std = np.empty(shape), np.empty(shape), np.empty(shape)
     _chi2_of_best(*light, chi2)
     for _ in range(_ROUNDS):
-        weight = observation.weight * student_weight(chi2)
+        weight = observation.weight * student_weight(chi2, observation.channels)
         band, right = np.zeros((grid.width, n)), np.zeros(n)
         _equations(*light, weight, pitch, grid.number, band, right)
         cost, _, _ = fit_axis(band, right, differences, spread, step, False, prior, nodes)

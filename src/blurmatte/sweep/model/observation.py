@@ -49,6 +49,7 @@ class Observation(PixelBox):
     compression: Compression | None = None
     prior: MotionPrior | None = None  # of the object, from other frames
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
+    channels: int = 3  # that are independent: 1 of gray pictures, whose noise counts once
 
     @property
     def pitch(self) -> float:
@@ -115,7 +116,9 @@ class Observation(PixelBox):
         blocks = BlockStatistics
         outside = ~dilated(self.streak, blocks.margin_px) & self.valid & (self.weight > 0)
         e = (self.C - self.B) / np.sqrt(self.C_variance + self.B_variance)
-        squares = [block_squares(e, outside, size).mean(axis=1) for size in blocks.sizes_px]
+        squares = [
+            block_squares(e, outside, size).sum(axis=1) / self.channels for size in blocks.sizes_px
+        ]
         kept = 1 - blocks.trimmed_outside
         trimmed = [np.sort(s)[: int(kept * len(s)) + 1] for s in squares if len(s)]
         return max(1.0, *(float(s.mean()) for s in trimmed), 1.0)
@@ -146,7 +149,10 @@ def observation_around(
     plate: LinearImage,
     color: ColorPrior,
 ) -> Observation:
-    """A streak and a margin around it, pixels, of two pictures whose noise is known."""
+    """A streak and a margin around it, pixels, of two pictures whose noise is known.
+
+    Of gray pictures the object has one paint.
+    """
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
     mask = streak.mask[rows_columns(box)]
@@ -160,9 +166,10 @@ def observation_around(
         streak=mask,
         near=near,
         size=size,
-        color=color,
+        color=color.of_one_paint if image.meta.one_channel else color,
         chroma_error=_chroma_error(C - B, image.meta.sharing),
         compression=image.meta.sharing,
+        channels=1 if image.meta.one_channel else 3,
     )
 
 

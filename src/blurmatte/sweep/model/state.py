@@ -56,7 +56,7 @@ class State:
     @cached_property
     def weights(self) -> Array:
         """(h, w) of the pixels: less for outliers."""
-        return self.observation.weight * student_weight(self.chi2)
+        return self.observation.weight * student_weight(self.chi2, self.observation.channels)
 
     def information(self) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost; colors are marginalized."""
@@ -125,7 +125,7 @@ def _explained(
     """Field, residuals and cost of a `State`."""
     light, weight = observation.light, observation.weight
     field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
-    cost = float(np.sum(weight * loss((e**2).sum(axis=0)))) + field.cost
+    cost = float(np.sum(weight * loss((e**2).sum(axis=0), observation.channels))) + field.cost
     if observation.prior is not None:
         cost += observation.prior.cost(family, path, shape)
     return field, e, cost
