@@ -86,7 +86,7 @@ class ComparedPair:
         """Neither motion nor change of light, without residuals."""
         bands = np.zeros((self.basis.shape[1] - len(IDENTITY_LIGHT) + 1, 3))
         light = np.concatenate([IDENTITY_LIGHT, bands])
-        return Alignment(np.zeros(8), light, np.zeros((0, 3)), np.zeros((0, 0)))
+        return Alignment(self, np.zeros(8), light, np.zeros((0, 3)))
 
     def free_rows(self, light: int) -> list[int]:
         """The free rows of light: those of a member of LIGHTS, and all bands."""
@@ -98,15 +98,14 @@ class Alignment:
     """Parameters h (8,) of the homography and light (7 + bands, 3): gain, offset, the other five
     coefficients, and those of bands.
 
-    residuals (n, 3) are in standard deviations, NaN outside the plate; covariance is that of the free
-    parameters, h first, then the free rows of light, channel by channel; model are the indices of
-    GEOMETRIES and LIGHTS.
+    residuals (n, 3) are in standard deviations, NaN outside the plate; model are the indices of
+    GEOMETRIES and LIGHTS, rows are the free rows of light.
     """
 
+    level: ComparedPair
     h: Array
     light: Array
     residuals: Array
-    covariance: Array
     model: tuple[int, int] = (0, 0)
     rows: tuple[int, ...] = ()
 
@@ -114,6 +113,17 @@ class Alignment:
     def scale(self) -> float:
         """Standard deviation of the residuals over the predicted one."""
         return quartile_scale(self.residuals)
+
+    def covariance(self) -> Array:
+        """(k, k) of the free parameters: h first, then the free rows of light, channel by channel."""
+        free = list(GEOMETRIES[self.model[0]])
+        residuals, slopes = _compare(self.level, self.h, self.light, free, list(self.rows))
+        k, m = len(free), len(self.rows)
+        of_all = np.zeros((*residuals.shape, k + 3 * m))
+        of_all[..., :k] = slopes[..., :k]
+        for c in range(3):
+            of_all[:, c, k + c * m : k + (c + 1) * m] = slopes[:, c, k:]
+        return _covariance(self.level, self.h, residuals, of_all, free)
 
 
 def quartile_scale(residuals: Array) -> float:
@@ -194,7 +204,7 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
     inliers = np.ones((len(level.xy), 3), bool)
     for left in range(15, -1, -1):  # steps
         residuals, slopes = _compare(level, h, light, free, rows)
-        normal, gradient = _equations(residuals, slopes, inliers)
+        normal, gradient = _equations(residuals, slopes, len(rows), inliers)
         now = np.concatenate([h[free], (light[rows] - identity).T.ravel()])
         step = np.linalg.solve(normal + prior, -gradient - prior @ now)
         if left == 0 or not len(step) or step @ normal @ step < _TOLERANCE * len(now):
@@ -203,28 +213,33 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
             inliers = np.abs(residuals) < _MAX_RESIDUAL_STD * quartile_scale(residuals)
         h[free] += step[: len(free)]
         light[rows] += step[len(free) :].reshape(3, len(rows)).T
-    covariance = _covariance(level, h, residuals, slopes, free)
-    return Alignment(h, light, residuals, covariance, model, tuple(rows))
+    return Alignment(level, h, light, residuals, model, tuple(rows))
 
 
 def first_step(level: ComparedPair) -> tuple[Array, Array, float]:
     """First step of the largest model from the identity: h, light, and the log likelihood gained."""
     rows = list(LIGHTS[-1])
     residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
-    normal, gradient = _equations(residuals, slopes, np.True_)
+    normal, gradient = _equations(residuals, slopes, len(rows), np.True_)
     step = -np.linalg.solve(normal + np.eye(len(normal)) / _PARAMETER_STD**2, gradient)
     h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, len(rows)).T)
     return h, light, float(-gradient @ step / 2)
 
 
-def _equations(residuals: Array, slopes: Array, inliers: Bools | np.bool_) -> tuple[Array, Array]:
-    """Normal matrix and gradient of the weighted sum of squares."""
+def _equations(
+    residuals: Array, slopes: Array, rows: int, inliers: Bools | np.bool_
+) -> tuple[Array, Array]:
+    """Normal matrix and gradient of the weighted sum of squares; so many rows of light are free."""
     scale = max(quartile_scale(residuals), _MIN_SCALE)
-    weighted = slopes * (inliers * _weights(residuals, scale) / scale**2)[..., None]
-    weighted = weighted.reshape(3 * len(slopes), -1).T
-    gradient = weighted @ np.nan_to_num(residuals).ravel()
-    normal = weighted @ slopes.reshape(3 * len(slopes), -1)
-    return np.asarray(normal, dtype=float), np.asarray(gradient, dtype=float)
+    weights = inliers * _weights(residuals, scale) / scale**2
+    known, k = np.nan_to_num(residuals), slopes.shape[2] - rows
+    normal, gradient = np.zeros((k + 3 * rows, k + 3 * rows)), np.zeros(k + 3 * rows)
+    for c in range(3):
+        at = np.r_[:k, k + c * rows : k + (c + 1) * rows]
+        weighted = (slopes[:, c] * weights[:, c, None]).T
+        normal[np.ix_(at, at)] += weighted @ slopes[:, c]
+        gradient[at] += weighted @ known[:, c]
+    return normal, gradient
 
 
 def _covariance(
@@ -266,9 +281,12 @@ def _weights(residuals: Array, scale: float) -> Array:
 def _compare(
     level: ComparedPair, h: Array, light: Array, free: list[int], rows: list[int]
 ) -> tuple[Array, Array]:
-    """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free."""
+    """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free.
+
+    Of light these are the derivatives by the rows of their own channel.
+    """
     x, y = level.xy.T
-    residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + 3 * len(rows)))
+    residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + len(rows)))
     plate = level.spline, level.slope_x, level.slope_y, level.valid
     points = level.C[y, x], level.sigma, level.basis, level.xy
     match = homography(h), to_centered(level.size), light
@@ -306,7 +324,7 @@ def gain_score(level: ComparedPair, fit: Alignment) -> tuple[Array, Array]:
     residuals, slopes = _compare(level, fit.h, fit.light, [], [0])
     scale = max(quartile_scale(residuals), _MIN_SCALE)
     weight = _weights(residuals, scale) / scale**2
-    B = np.diagonal(slopes, axis1=1, axis2=2)
+    B = slopes[..., 0]
     return -weight * B * np.nan_to_num(residuals), weight * B**2
 
 
@@ -327,7 +345,7 @@ def _bilinear(values, j, i, v, u, c):  # type: ignore[no-untyped-def]
 def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignore[no-untyped-def]
     """Write residuals (n, 3) in standard deviations, NaN outside the plate, and derivatives `slopes`.
 
-    slopes is (n, 3, k + 3 m), free (k,) the indices of the free parameters of the homography, rows (m,)
+    slopes is (n, 3, k + m), free (k,) the indices of the free parameters of the homography, rows (m,)
     those of the free rows of the light.
     plate is (spline, slope_x, slope_y, valid): its spline coefficients and its gradient, (h, w, 3),
     and (h, w) its pixels at least three from its border. points is (C, sigma, basis, xy): the
@@ -342,7 +360,6 @@ def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignor
     p, q = np.empty(4), np.empty(4)
     moves, k = np.zeros((2, 8)), len(free)
     size, x_off, y_off = to[0, 0], to[0, 2], to[1, 2]
-    slopes[:] = 0
     for n in range(len(xy)):
         a, b = xy[n, 0] * size + x_off, xy[n, 1] * size + y_off
         depth = H[2, 0] * a + H[2, 1] * b + H[2, 2]
@@ -352,7 +369,7 @@ def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignor
         nearest_x, nearest_y = np.rint(x), np.rint(y)
         inside = 0 <= nearest_x < width and 0 <= nearest_y < height
         if not inside or not valid[int(nearest_y), int(nearest_x)]:
-            residuals[n] = np.nan
+            residuals[n], slopes[n] = np.nan, 0
             continue
         for i in range(3):
             one = (a if i == 0 else b if i == 1 else 1.0) / depth / size
@@ -381,4 +398,4 @@ def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignor
             for r in range(len(rows)):
                 row = rows[r]
                 by_light = 1 / s if row == 1 else basis[n, max(row - 1, 0)] * B / s
-                slopes[n, c, k + c * len(rows) + r] = by_light
+                slopes[n, c, k + r] = by_light

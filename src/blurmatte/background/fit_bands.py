@@ -28,8 +28,9 @@ def bands_of(fit: Alignment, axis: int, frequency: float) -> Bands:
     """The bands of a fit on a level with bands."""
     coefficients = fit.light[FIRST_ROW:]
     per_channel, many = len(fit.rows), len(coefficients)
-    ends = [len(fit.covariance) - k * per_channel for k in (2, 1, 0)]
-    blocks = [fit.covariance[end - many : end, end - many : end] for end in ends]
+    covariance = fit.covariance()
+    ends = [len(covariance) - k * per_channel for k in (2, 1, 0)]
+    blocks = [covariance[end - many : end, end - many : end] for end in ends]
     return Bands(axis, frequency, coefficients, np.stack(blocks))
 
 
@@ -85,7 +86,7 @@ def refined(level: ComparedPair, start: Alignment, axis: int, frequency: float) 
 
     def cost(omega: float) -> float:
         """Log likelihood at the rough frequency over that at another."""
-        fit = fit_bands(level, start, axis, omega, 1)
+        fit = fit_bands(level, rough, axis, omega, 1)
         return float(log_likelihood_gains(fit, rough).sum())
 
     bounds = frequency - reach, frequency + reach
@@ -98,9 +99,11 @@ def refined(level: ComparedPair, start: Alignment, axis: int, frequency: float) 
 def fit_bands(
     level: ComparedPair, start: Alignment, axis: int, frequency: float, harmonics: int
 ) -> Alignment:
-    """Fit of gain, bands and what else is free in the model of `start`."""
+    """Fit of gain, bands and what else is free in the model of `start`, which may have fewer bands."""
     banded = with_bands(level, axis, frequency, harmonics)
-    first = replace(banded.identity, h=start.h)
+    light = banded.identity.light
+    light[: len(start.light)] = start.light
+    first = replace(banded.identity, h=start.h, light=light)
     return fit_level(banded, first, (start.model[0], max(start.model[1], 1)))
 
 

@@ -254,7 +254,7 @@ def _penalty(model: tuple[int, int]) -> float:
 def _match_of(fit: Alignment, size: tuple[int, int]) -> Match:
     h_std, light_std = np.zeros(8), np.zeros((7, 3))
     free, rows = list(GEOMETRIES[fit.model[0]]), list(LIGHTS[fit.model[1]])
-    std = np.sqrt(np.diag(fit.covariance))
+    std = np.sqrt(np.diag(fit.covariance()))
     h_std[free] = std[: len(free)]
     light_std[rows] = std[len(free) :].reshape(3, len(fit.rows)).T[: len(rows)]
     return Match(size, fit.h, fit.light[: len(light_std)], h_std, light_std)

@@ -51,11 +51,17 @@ class ColorPrior:
     varied: int = 3
     # Standard deviation of the angle between colors and the first `rank` axes, radians
     angle_std: float = 0.0
+    channels: int = 3  # that are independent: 1 of gray pictures, whose noise counts once
 
     @property
     def of_one_paint(self) -> "ColorPrior":
         """The same for an object of which only the brightness varies."""
         return replace(self, varied=1)
+
+    @property
+    def of_gray(self) -> "ColorPrior":
+        """The same for gray pictures, in which an object has one paint."""
+        return replace(self, varied=1, channels=1)
 
     @classmethod
     def of(cls, model: ColorModel | None) -> "ColorPrior":
@@ -111,6 +117,7 @@ class ColorField:
     # (3, width, n) float: lower bands of the inverse covariance of their prior, along each axis
     prior: Array
     cost: float  # negative log prior density of these colors, and the log volume of their posterior
+    loss: float  # by which the loss of all residuals exceeds that without the object
     # (3,) float: m, its standard deviation, κ and τ
     mean: Array
     mean_std: Array
@@ -140,33 +147,43 @@ class ColorField:
         The colors are marginalized. J (h, w, n): derivatives of alpha; e (3, h, w): residuals.
         """
         pitch, number = self.grid.pitch, self.grid.number
-        cross = np.zeros((3, self.grid.size, J.shape[2]))
-        H, g = color_field_kernel.by_alpha(
-            J, light, alpha, weight, pitch, number, self.colors, e, cross
-        )
-        color_field_kernel.marginalize(
-            H, cross, light, alpha, weight, pitch, number, self.prior, self.rank
+        H, g = color_field_kernel.information(
+            J, light, alpha, weight, pitch, number, self.colors, e, self.prior, self.rank
         )
         return H, g
 
 
+def residuals_of_none(light: Light) -> Array:
+    """(3, h, w) residuals of unit variance without an object."""
+    none = np.zeros(light[0].shape[:2])
+    e = np.empty((3, *none.shape))
+    color_field_kernel.residuals(light, none, 2.0, np.empty((0, 0), np.int64), np.empty((0, 3)), e)
+    return e
+
+
 def fit_field(
-    light: Light, alpha: Array, weight: Array, pitch: float, color: ColorPrior
+    light: Light,
+    alpha: Array,
+    weight: Array,
+    pitch: float,
+    color: ColorPrior,
+    of_none: Array | None = None,
 ) -> tuple[ColorField, Array]:
     """The colors of the largest posterior density for an alpha, and residuals (3, h, w).
 
     `light` are image, plate, and the variances of both, (h, w, 3), along the axes of `color`; the
-    pitch is that of the nodes, pixels.
+    pitch is that of the nodes, pixels; `of_none` are the `residuals_of_none` if they are known.
     """
     grid = Grid.over(alpha, pitch)
     settings = np.array(
         [
             _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
-            *_FIRST_SPREAD, _MIN_SPREAD, _MIN_LENGTH,
+            *_FIRST_SPREAD, _MIN_SPREAD, _MIN_LENGTH, color.channels,
         ]
     )  # fmt: skip
-    colors, prior, mean, mean_std, spread, change, cost, e = color_field_kernel.fit(
-        light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings
+    e = residuals_of_none(light) if of_none is None else of_none.copy()
+    colors, prior, mean, mean_std, spread, change, cost, loss = color_field_kernel.fit(
+        light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings, e
     )
-    field = ColorField(grid, colors, prior, float(cost), mean, mean_std, spread, change, color.rank)
-    return field, e
+    costs = float(cost), float(loss)
+    return ColorField(grid, colors, prior, *costs, mean, mean_std, spread, change, color.rank), e

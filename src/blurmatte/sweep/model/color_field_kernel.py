@@ -8,7 +8,7 @@ banded matrix is its lower band: band[k, j] is the element (j + k, j). `observed
 
 import numpy as np
 
-from blurmatte.compiling import njit
+from blurmatte.compiling import FAST_MATH, njit
 
 
 @njit()
@@ -80,61 +80,98 @@ def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def seen(observed, alpha, pitch, number):  # type: ignore[no-untyped-def]
-    """Row and column (n, 2), nodes (n, 4) and alpha times their hats (n, 4) of the n covered pixels.
+def _first_of_cells(size, pitch):  # type: ignore[no-untyped-def]
+    """First row or column of each cell, and the size."""
+    first = np.empty(int((size - 1) / pitch) + 2, np.int64)
+    cell = -1
+    for x in range(size):
+        if int(x / pitch) > cell:
+            cell += 1
+            first[cell] = x
+    first[cell + 1] = size
+    return first
 
-    Then their residual light C − (1 − α) B over the noise, and 1 over the noise, (n, 3) each.
+
+@njit()
+def seen(observed, alpha, pitch, number):  # type: ignore[no-untyped-def]
+    """The n covered pixels, cell by cell: first pixel (m + 1,) and nodes (m, 4) of each cell.
+
+    Then the pixels' place (n,) in the flat picture, alpha times their hats (4, n), their residual light
+    C − (1 − α) B over the noise, and 1 over the noise, (3, n) each.
     """
     C, B, V_C, V_B = observed
     h, w = alpha.shape
-    count = np.count_nonzero(alpha)
-    at, nodes = np.empty((count, 2), np.int64), np.empty((count, 4), np.int64)
-    hats, P, sharp = np.empty((count, 4)), np.empty((count, 3)), np.empty((count, 3))
-    k = 0
+    rows, columns = _first_of_cells(h, pitch), _first_of_cells(w, pitch)
+    count, cells = 0, (len(rows) - 1) * (len(columns) - 1)
     for y in range(h):
         for x in range(w):
-            a = alpha[y, x]
-            if a == 0:
-                continue
-            at[k, 0], at[k, 1] = y, x
-            corners(y, x, pitch, number, nodes[k], hats[k])
-            for i in range(4):
-                hats[k, i] *= a
-            for c in range(3):
-                sharp[k, c] = 1 / np.sqrt(V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c])
-                P[k, c] = (C[y, x, c] - (1 - a) * B[y, x, c]) * sharp[k, c]
-            k += 1
-    return at, nodes, hats, P, sharp
+            count += alpha[y, x] > 0
+    first, nodes = np.empty(cells + 1, np.int64), np.empty((cells, 4), np.int64)
+    at, hats = np.empty(count, np.int64), np.empty((4, count))
+    P, sharp = np.empty((3, count)), np.empty((3, count))
+    k, m = 0, 0
+    for j in range(len(rows) - 1):
+        for i in range(len(columns) - 1):
+            first[m] = k
+            for y in range(rows[j], rows[j + 1]):
+                v = y / pitch - j
+                for x in range(columns[i], columns[i + 1]):
+                    a = alpha[y, x]
+                    if not a > 0:
+                        continue
+                    u = x / pitch - i
+                    at[k] = y * w + x
+                    hats[0, k], hats[1, k] = a * (1 - v) * (1 - u), a * (1 - v) * u
+                    hats[2, k], hats[3, k] = a * v * (1 - u), a * v * u
+                    for c in range(3):
+                        V = V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c]
+                        sharp[c, k] = 1 / np.sqrt(V)
+                        P[c, k] = (C[y, x, c] - (1 - a) * B[y, x, c]) * sharp[c, k]
+                    k += 1
+            if k > first[m]:
+                nodes[m, 0], nodes[m, 1] = number[j, i], number[j, i + 1]
+                nodes[m, 2], nodes[m, 3] = number[j + 1, i], number[j + 1, i + 1]
+                m += 1
+    first[m] = k
+    return first[: m + 1], nodes[:m], at, hats, P, sharp
 
 
-@njit()
-def _weights_at(at, weight):  # type: ignore[no-untyped-def]
-    """Weights (n,) of pixels in rows and columns `at` (n, 2)."""
-    found = np.empty(len(at))
-    for k in range(len(at)):
-        found[k] = weight[at[k, 0], at[k, 1]]
-    return found
-
-
-@njit()
-def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped-def]
+@njit(fastmath=FAST_MATH)
+def _add(first, nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped-def]
     """Add the normal equations of pixels, as `seen` has them, of weight (n,)."""
-    pull, known = np.empty(3), np.empty(3)
-    for k in range(len(weight)):
-        if weight[k] == 0:
-            continue
+    pull, known = np.empty(4), np.empty((4, 4))
+    for m in range(len(nodes)):
         for c in range(3):
-            pull[c], known[c] = weight[k] * sharp[k, c] * P[k, c], weight[k] * sharp[k, c] ** 2
-        for i in range(4):
-            node, hat = nodes[k, i], hats[k, i]
-            for c in range(3):
-                right[c, node] += pull[c] * hat
-            for j in range(i + 1):
-                other, by = nodes[k, j], hats[k, j]
-                low, apart = min(node, other), abs(node - other)
-                of_low, of_high = (by, hat) if other <= node else (hat, by)
-                for c in range(3):
-                    band[c, apart, low] += known[c] * of_high * of_low
+            r0, r1, r2, r3 = 0.0, 0.0, 0.0, 0.0
+            k00, k01, k02, k03, k11, k13, k22, k23, k33 = (
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+            )
+            for k in range(first[m], first[m + 1]):
+                h0, h1, h2, h3 = hats[0, k], hats[1, k], hats[2, k], hats[3, k]
+                by = weight[k] * sharp[c, k]
+                p, by = by * P[c, k], by * sharp[c, k]
+                r0, r1, r2, r3 = r0 + p * h0, r1 + p * h1, r2 + p * h2, r3 + p * h3
+                b0, b1, b2, b3 = by * h0, by * h1, by * h2, by * h3
+                k00, k01, k02, k03 = k00 + b0 * h0, k01 + b0 * h1, k02 + b0 * h2, k03 + b0 * h3
+                k11, k13, k22 = k11 + b1 * h1, k13 + b1 * h3, k22 + b2 * h2
+                k23, k33 = k23 + b2 * h3, k33 + b3 * h3
+            pull[0], pull[1], pull[2], pull[3] = r0, r1, r2, r3
+            known[0, 0], known[1, 0], known[1, 1] = k00, k01, k11
+            known[2, 0], known[2, 1], known[2, 2] = k02, k03, k22
+            known[3, 0], known[3, 1], known[3, 2], known[3, 3] = k03, k13, k23, k33
+            for i in range(4):
+                right[c, nodes[m, i]] += pull[i]
+                for j in range(i + 1):
+                    node, other = nodes[m, i], nodes[m, j]
+                    band[c, abs(node - other), min(node, other)] += known[i, j]
 
 
 @njit()
@@ -175,76 +212,80 @@ def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
                     P[y, x, c] = a * _color(a, nodes, hats, colors, c)
 
 
-@njit()
-def _any(J, y, x):  # type: ignore[no-untyped-def]
-    """True if a derivative at a pixel is not 0; a loop is much faster than NumPy here."""
-    for p in range(J.shape[2]):  # noqa: SIM110  compiled
-        if J[y, x, p] != 0:
-            return True
-    return False
+@njit(fastmath=FAST_MATH)
+def _by_alpha(J, observed, alpha, pixels, weight, colors, e):  # type: ignore[no-untyped-def]
+    """Half the curvature (p, p) and gradient (p,) of a sum of squares of `pixels`, as `seen` has them.
 
+    J (h w, p) are derivatives of alpha, weight (n,) is of the pixels, e (3, h, w) are residuals. Then
+    the mixed curvature with the nodes' colors (3, m, p). Of H the lower triangle is written.
 
-@njit()
-def by_alpha(J, observed, alpha, weight, pitch, number, colors, e, cross):  # type: ignore[no-untyped-def]
-    """Half the curvature (n, n) and gradient (n,) of a sum of squares; J (h, w, n) are derivatives.
-
-    Adds the mixed curvature with the nodes' colors to cross (3, m, n). The noise depends on alpha as
-    well, which is equivalent to replacing the plate by its best estimate, as in `residuals`.
+    The noise depends on alpha as well, which is equivalent to replacing the plate by its best
+    estimate, as in `residuals`.
     """
-    _, B, V_C, V_B = observed
-    h, w, n = J.shape
-    H, g = np.zeros((n, n)), np.zeros(n)
-    nodes, hats, d = np.empty(4, np.int64), np.empty(4), np.empty(3)
-    for y in range(h):
-        for x in range(w):
-            a = alpha[y, x]
-            if weight[y, x] == 0 or not _any(J, y, x):
-                continue
-            if a > 0:
-                corners(y, x, pitch, number, nodes, hats)
+    first, nodes, at, hats, _, sharp = pixels
+    B, V_B = observed[1].reshape(-1, 3), observed[3].reshape(-1, 3)
+    left, covered = e.reshape(3, -1), alpha.ravel()
+    count = J.shape[1]
+    H, g = np.zeros((count, count)), np.zeros(count)
+    cross, own = np.zeros((3, len(colors), count)), np.empty((3, 4, count))
+    known, d = np.empty((3, 4)), np.empty(3)
+    for m in range(len(nodes)):
+        own[:] = 0
+        for i in range(4):
+            for c in range(3):
+                known[c, i] = colors[nodes[m, i], c]
+        for k in range(first[m], first[m + 1]):
+            place = at[k]
+            through, by = 1 - covered[place], J[place]
             dd, de = 0.0, 0.0
             for c in range(3):
-                s = np.sqrt(V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c])
-                behind = B[y, x, c] + (1 - a) * V_B[y, x, c] * e[c, y, x] / s
-                d[c] = (behind - _color(a, nodes, hats, colors, c)) / s
+                light = 0.0
+                for i in range(4):
+                    light += hats[i, k] * known[c, i]
+                unit = left[c, place]
+                behind = B[place, c] + through * V_B[place, c] * unit * sharp[c, k]
+                d[c] = (behind - light / covered[place]) * sharp[c, k]
                 dd += d[c] * d[c]
-                de += d[c] * e[c, y, x]
-                if a > 0:
-                    for i in range(4):
-                        slope = -weight[y, x] * d[c] * a * hats[i] / s
-                        for p in range(n):
-                            cross[c, nodes[i], p] += slope * J[y, x, p]
-            for p in range(n):
-                slope = weight[y, x] * J[y, x, p]
-                g[p] += slope * de
+                de += d[c] * unit
+            for p in range(count):
+                one = weight[k] * by[p]
+                if one == 0:
+                    continue
+                g[p] += one * de
                 for q in range(p + 1):
-                    H[p, q] += slope * dd * J[y, x, q]
-    for p in range(n):
-        for q in range(p):
-            H[q, p] = H[p, q]
-    return H, g
+                    H[p, q] += one * dd * by[q]
+            for c in range(3):
+                slope = -weight[k] * d[c] * sharp[c, k]
+                for i in range(4):
+                    for p in range(count):
+                        own[c, i, p] += slope * hats[i, k] * by[p]
+        for c in range(3):
+            for i in range(4):
+                cross[c, nodes[m, i]] += own[c, i]
+    return H, g, cross
 
 
-@njit()
+@njit(fastmath=FAST_MATH)
 def factor(columns):  # type: ignore[no-untyped-def]
     """Replace the band's transpose (n, width) by that of the Cholesky factor.
 
     Elements read in turn are contiguous: several times as fast as in the band itself.
     """
     n, width = columns.shape
+    row = np.empty(width)
     for j in range(n):
         pivot = np.sqrt(max(columns[j, 0], 1e-300))
         columns[j, 0] = pivot
         last = min(width, n - j)
         for k in range(1, last):
-            columns[j, k] /= pivot
+            row[k] = columns[j, k] / pivot
+            columns[j, k] = row[k]
         for k in range(1, last):
-            by = columns[j, k]
-            for i in range(k, last):
-                columns[j + k, i - k] -= columns[j, i] * by
+            for i in range(last - k):
+                columns[j + k, i] -= row[k + i] * row[k]
 
 
-@njit()
+@njit(fastmath=FAST_MATH)
 def solve(columns, x):  # type: ignore[no-untyped-def]
     """Replace a right side x (n,) by the solution, given the transpose of the factor's band."""
     n, width = columns.shape
@@ -261,10 +302,15 @@ def solve(columns, x):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def _prior_of(differences, spread, change, prior):  # type: ignore[no-untyped-def]
-    """Write a prior's band (width, n); the sum of the logs of its factor's diagonal."""
+def _write_prior(differences, spread, change, prior):  # type: ignore[no-untyped-def]
+    """Write a prior's band (width, n)."""
     prior[:] = differences / change**2
     prior[0] += spread**-2
+
+
+@njit()
+def _volume_of(prior):  # type: ignore[no-untyped-def]
+    """The sum of the logs of the diagonal of a prior's factor."""
     columns = prior.T.copy()
     factor(columns)
     return np.log(columns[:, 0]).sum()
@@ -276,8 +322,8 @@ def fit_axis(band, right, differences, spread, change, free, prior, colors):  # 
 
     The mean is 0 unless it is free.
     """
-    volume = _prior_of(differences, spread, change, prior)
-    return _mode_of(band, right, spread, free, prior, volume, colors)
+    _write_prior(differences, spread, change, prior)
+    return _mode_of(band, right, spread, free, prior, _volume_of(prior), colors)
 
 
 @njit()
@@ -327,22 +373,51 @@ def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def
     return np.sqrt(away / sure), np.sqrt(steps / both)
 
 
-@njit()
-def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings):  # type: ignore[no-untyped-def]
-    """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
-    change (3,) of each; the cost, and the residuals (3, h, w).
+@njit(fastmath=FAST_MATH)
+def _unexplained(first, nodes, hats, P, sharp, colors, e):  # type: ignore[no-untyped-def]
+    """Write residuals e (3, n) of pixels as `seen` has them, given colors (n, 3)."""
+    for m in range(len(nodes)):
+        for c in range(3):
+            k0, k1 = colors[nodes[m, 0], c], colors[nodes[m, 1], c]
+            k2, k3 = colors[nodes[m, 2], c], colors[nodes[m, 3], c]
+            for k in range(first[m], first[m + 1]):
+                own = hats[0, k] * k0 + hats[1, k] * k1 + hats[2, k] * k2 + hats[3, k] * k3
+                e[c, k] = P[c, k] - own * sharp[c, k]
 
-    `settings` are: rounds, rank, varied, the deviation of colors across the model, the degrees of
-    freedom of the residuals' t distribution, the first spreads (3) and the smallest one, of the mean
-    color's length, and the smallest length.
+
+@njit()
+def _replace(at, own, weight, freedom, channels, e):  # type: ignore[no-untyped-def]
+    """Replace residuals e (3, h, w) of pixels by their own (3, n); the change of the loss of all."""
+    flat, known = e.reshape(3, -1), weight.ravel()
+    gained = 0.0
+    for k in range(len(at)):
+        before, after = 0.0, 0.0
+        for c in range(3):
+            before += flat[c, at[k]] ** 2
+            after += own[c, k] ** 2
+            flat[c, at[k]] = own[c, k]
+        gained += known[at[k]] * np.log((freedom + after) / (freedom + before))
+    return (freedom + channels) / 2 * gained
+
+
+@njit()
+def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings, e):  # type: ignore[no-untyped-def]
+    """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
+    change (3,) of each; the cost, and the change of the loss of the residuals e (3, h, w).
+
+    e are those without the object, and are replaced where it was. `settings` are: rounds, rank,
+    varied, the deviation of colors across the model, the degrees of freedom of the residuals' t
+    distribution, the first spreads (3) and the smallest one, of the mean color's length, the
+    smallest length, and the number of independent channels.
     """
     rounds, rank, varied = int(settings[0]), int(settings[1]), int(settings[2])
     across, freedom, min_spread, min_length = settings[3], settings[4], settings[8], settings[9]
+    channels = settings[10]
     width, n = differences.shape
-    at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
-    own_weight = _weights_at(at, weight)
+    first, nodes, at, hats, P, sharp = seen(observed, alpha, pitch, number)
+    own_weight = weight.ravel()[at]
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
-    _add(nodes, hats, P, sharp, own_weight, band, right)
+    _add(first, nodes, hats, P, sharp, own_weight, band, right)
     length = 0.0
     for c in range(3):
         total = band[c, 0].sum() + 2 * band[c, 1:].sum()
@@ -355,15 +430,18 @@ def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings
     used, changed = spread.copy(), change.copy()
     prior, colors = np.empty((3, width, n)), np.empty((n, 3))
     mean, std = np.zeros(3), np.zeros(3)
-    own, cost, weights, volumes = np.empty(n), 0.0, np.empty(len(at)), np.empty(3)
+    own, weights, cost, volume = np.empty(n), np.empty(len(at)), 0.0, 0.0
+    left = np.empty((3, len(at)))
     for turn in range(rounds):
         cost = 0.0
         used[:], changed[:] = spread, change
         for c in range(3):
             if turn == 0 or c < varied:
-                volumes[c] = _prior_of(differences, spread[c], change[c], prior[c])
+                _write_prior(differences, spread[c], change[c], prior[c])
+            if turn + 1 == rounds:  # that of axes with the same prior is the same
+                volume = volume if c > varied else _volume_of(prior[c])
             one, mean[c], std[c] = _mode_of(
-                band[c], right[c], spread[c], c < rank, prior[c], volumes[c], own
+                band[c], right[c], spread[c], c < rank, prior[c], volume, own
             )
             cost += one
             colors[:, c] = own
@@ -373,60 +451,86 @@ def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings
                     max(away, min_spread * length),
                     max(step, min_spread * length),
                 )
+        _unexplained(first, nodes, hats, P, sharp, colors, left)
         if turn + 1 < rounds:
             for k in range(len(at)):
-                chi2 = 0.0
-                for c in range(3):
-                    left = P[k, c]
-                    for i in range(4):
-                        left -= hats[k, i] * colors[nodes[k, i], c] * sharp[k, c]
-                    chi2 += left * left
-                weights[k] = own_weight[k] * (freedom + 3) / (freedom + chi2)
+                chi2 = left[0, k] ** 2 + left[1, k] ** 2 + left[2, k] ** 2
+                weights[k] = own_weight[k] * (freedom + channels) / (freedom + chi2)
             band[:], right[:] = 0, 0
-            _add(nodes, hats, P, sharp, weights, band, right)
-    e = np.empty((3, *alpha.shape))
-    residuals(observed, alpha, pitch, number, colors, e)
-    return colors, prior, mean, std, used, changed, cost, e
+            _add(first, nodes, hats, P, sharp, weights, band, right)
+    loss = _replace(at, left, weight, freedom, channels, e)
+    return colors, prior, mean, std, used, changed, cost, loss
+
+
+@njit(fastmath=FAST_MATH)
+def _add_product(x, by, H):  # type: ignore[no-untyped-def]
+    """Add `by` times xᵀx of a matrix x (n, p) to the lower triangle of H (p, p)."""
+    for j in range(len(x)):
+        for p in range(H.shape[0]):
+            one = by * x[j, p]
+            for q in range(p + 1):
+                H[p, q] += one * x[j, q]
 
 
 @njit()
-def marginalize(H, cross, observed, alpha, weight, pitch, number, prior, rank):  # type: ignore[no-untyped-def]
-    """Subtract from a curvature H (p, p) the part that colors can explain; cross is (3, n, p).
+def _halfway(columns, x):  # type: ignore[no-untyped-def]
+    """Replace right sides x (n, p) by L⁻¹ x, given the transpose of the band of a factor L."""
+    n, width = columns.shape
+    for j in range(n):
+        scale = 1 / columns[j, 0]
+        for p in range(x.shape[1]):
+            x[j, p] *= scale
+        for k in range(1, min(width, n - j)):
+            by = columns[j, k]
+            for p in range(x.shape[1]):
+                x[j + k, p] -= by * x[j, p]
 
-    Along the first `rank` axes the mean color is free, too.
+
+@njit()
+def information(J, observed, alpha, weight, pitch, number, colors, e, prior, rank):  # type: ignore[no-untyped-def]
+    """Curvature (p, p) and gradient (p,) of the cost by parameters; J (h, w, p) is alpha by them.
+
+    Colors are marginalized, and along the first `rank` axes their mean, too.
     """
+    pixels = seen(observed, alpha, pitch, number)
+    first, nodes, at, hats, P, sharp = pixels
+    known = weight.ravel()[at]
+    flat = J.reshape(-1, J.shape[2])
+    H, g, cross = _by_alpha(flat, observed, alpha, pixels, known, colors, e)
     width, n = prior.shape[1:]
-    x, band, right = np.empty((n, H.shape[0])), np.zeros((3, width, n)), np.zeros((3, n))
-    at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
-    _add(nodes, hats, P, sharp, _weights_at(at, weight), band, right)
+    band, right = np.zeros((3, width, n)), np.zeros((3, n))
+    _add(first, nodes, hats, P, sharp, known, band, right)
     for c in range(3):
         posterior = (band[c] + prior[c]).T.copy()
         factor(posterior)
-        for p in range(H.shape[0]):
-            solved = cross[c, :, p].copy()
-            solve(posterior, solved)
-            x[:, p] = solved
-        for j in range(n):
-            for p in range(H.shape[0]):
-                for q in range(H.shape[1]):
-                    H[p, q] -= cross[c, j, p] * x[j, q]
-        if c >= rank:
-            continue
-        ones = prior[c, 0].copy()  # the prior times 1, a row's sum
-        for k in range(1, width):
-            for j in range(n - k):
-                ones[j] += prior[c, k, j]
-                ones[j + k] += prior[c, k, j]
-        mean = ones.copy()
-        solve(posterior, mean)
-        known = 0.0
-        for j in range(n):
-            known += ones[j] * (1 - mean[j])
-        by_mean = np.zeros(H.shape[0])
-        for p in range(H.shape[0]):
-            for j in range(n):
-                by_mean[p] += cross[c, j, p] * mean[j]
-        if known > 1e-9:
-            for p in range(H.shape[0]):
-                for q in range(H.shape[1]):
-                    H[p, q] -= by_mean[p] * by_mean[q] / known
+        if c < rank:
+            _add_mean(posterior, prior[c], cross[c], H)
+        _halfway(posterior, cross[c])
+        _add_product(cross[c], -1.0, H)
+    for p in range(len(g)):
+        for q in range(p):
+            H[q, p] = H[p, q]
+    return H, g
+
+
+@njit()
+def _add_mean(posterior, prior, cross, H):  # type: ignore[no-untyped-def]
+    """Subtract from the lower triangle of H (p, p) what the mean color can explain.
+
+    posterior (n, width): transpose of the band of its factor; prior (width, n): its band; cross (n, p):
+    the mixed curvature of nodes and parameters.
+    """
+    width, n = prior.shape
+    ones = prior[0].copy()  # the prior times 1, a row's sum
+    for k in range(1, width):
+        for j in range(n - k):
+            ones[j] += prior[k, j]
+            ones[j + k] += prior[k, j]
+    mean = ones.copy()
+    solve(posterior, mean)
+    known, by_mean = 0.0, np.zeros((1, len(H)))
+    for j in range(n):
+        known += ones[j] * (1 - mean[j])
+        by_mean[0] += mean[j] * cross[j]
+    if known > 1e-9:
+        _add_product(by_mean, -1 / known, H)

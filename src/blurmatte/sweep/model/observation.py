@@ -12,9 +12,10 @@ from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfe
 from blurmatte.statistics import block_squares
 from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
-from blurmatte.sweep.model.color_field import ColorPrior
+from blurmatte.sweep.model.color_field import ColorPrior, residuals_of_none
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
+from blurmatte.sweep.model.student_t import loss
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,16 @@ class Observation(PixelBox):
     compression: Compression | None = None
     prior: MotionPrior | None = None  # of the object, from other frames
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
-    channels: int = 3  # that are independent: 1 of gray pictures, whose noise counts once
 
     @property
     def pitch(self) -> float:
         """`grain` in the pixels here, at least two."""
         return max(self.grain / self.scale, 2.0)
+
+    @property
+    def channels(self) -> int:
+        """How many are independent: 1 of gray pictures."""
+        return self.color.channels
 
     @cached_property
     def light(self) -> tuple[Array, Array, Array, Array]:
@@ -65,6 +70,12 @@ class Observation(PixelBox):
             V_C += (self.chroma_error @ axes) ** 2
         return C, B, V_C, V_B
 
+    @cached_property
+    def of_none(self) -> tuple[Array, float]:
+        """Residuals (3, h, w) without an object, and their loss."""
+        e = residuals_of_none(self.light)
+        return e, float(np.sum(self.weight * loss((e**2).sum(axis=0), self.channels)))
+
     @property
     def of_one_paint(self) -> "Observation":
         """The same for an object of which only the brightness varies."""
@@ -72,15 +83,18 @@ class Observation(PixelBox):
 
     def along_colors(self, alpha: Array) -> "Observation":
         """The same with axes along mean color and largest spread of this alpha, if none are known."""
-        weight = self.weight * (alpha > 0.02)  # fainter pixels do not show the color
-        total = float((weight * alpha**2).sum())
+        shown = alpha > 0.02  # fainter pixels do not show the color
+        weight, covered = self.weight[shown], alpha[shown]
+        total = float((weight * covered**2).sum())
         if self.color.rank < 3 or total == 0:
             return self
-        light = self.C - (1 - alpha)[..., None] * self.B
-        mean = np.einsum("yx,yxc->c", weight * alpha, light) / total
-        away = light - alpha[..., None] * mean
-        moments = np.einsum("yx,yxc,yxd->cd", weight, away, away) / total
-        color = replace(ColorPrior.along(mean, moments), varied=self.color.varied)
+        light = self.C[shown] - (1 - covered)[:, None] * self.B[shown]
+        mean = (weight * covered) @ light / total
+        away = light - covered[:, None] * mean
+        moments = away.T @ (weight[:, None] * away) / total
+        known = self.color
+        along = ColorPrior.along(mean, moments)
+        color = replace(along, varied=known.varied, channels=known.channels)
         return replace(self, color=color)
 
     def file(self, transfer: Transfer, blur: float) -> File:
@@ -166,10 +180,9 @@ def observation_around(
         streak=mask,
         near=near,
         size=size,
-        color=color.of_one_paint if image.meta.one_channel else color,
+        color=color.of_gray if image.meta.one_channel else color,
         chroma_error=_chroma_error(C - B, image.meta.sharing),
         compression=image.meta.sharing,
-        channels=1 if image.meta.one_channel else 3,
     )
 
 

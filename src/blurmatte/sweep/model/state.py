@@ -10,7 +10,7 @@ from blurmatte.sweep.model.color_field import ColorField, fit_field
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
-from blurmatte.sweep.model.student_t import loss, student_weight
+from blurmatte.sweep.model.student_t import student_weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,9 +123,9 @@ def _explained(
     observation: Observation, alpha: Array, family: PathFamily, path: Array, shape: Array
 ) -> tuple[ColorField, Array, float]:
     """Field, residuals and cost of a `State`."""
-    light, weight = observation.light, observation.weight
-    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
-    cost = float(np.sum(weight * loss((e**2).sum(axis=0), observation.channels))) + field.cost
+    light, weight, (none, loss) = observation.light, observation.weight, observation.of_none
+    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color, none)
+    cost = loss + field.loss + field.cost
     if observation.prior is not None:
         cost += observation.prior.cost(family, path, shape)
     return field, e, cost
