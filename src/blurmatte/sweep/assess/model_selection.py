@@ -35,8 +35,8 @@ from blurmatte.sweep.sweep import Sweep
 OPTIMISM = 0.3
 
 # Power of the weights that makes them probabilities: with it the mean probability of the likeliest
-# hypothesis is the fraction of rendered pictures in which its alpha is the nearest to the truth.
-_POWER = 0.03
+# hypothesis is the fraction of pictures of two renderers in which its alpha is the nearest to the truth.
+_POWER = 0.02
 
 
 @dataclass(frozen=True)
