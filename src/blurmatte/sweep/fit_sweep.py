@@ -37,7 +37,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.ranking import Candidate
+from blurmatte.sweep.fit.ranking import Candidate, best_of
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
@@ -80,6 +80,11 @@ _MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
 _MIN_REFINED_WEIGHT = 1e-3  # weight of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
+_MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
+# Of an object that lets light through: half the standard deviation of a number that is open, 0…1
+_MAX_OPEN_STD = 12**-0.5 / 2
+_MAX_ROUNDS = 8  # of opacity and shape
+_MIN_OPACITY_STEP = 0.2  # standard deviations between two rounds
 _MAX_SOLID_BLUR = 0.1  # blur of the rim over the radius; shadows are softer
 
 
@@ -232,6 +237,8 @@ def _in_likelier_light(
     they know is fitted again only in a light in which it is likelier as it is.
     """
     known = found.best.diagnostics
+    if found.observation.light_alone:
+        return found
     if is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     if limit.is_over:
@@ -295,10 +302,42 @@ def _fit_before(
     hypotheses: Sequence[Hypothesis],
     limit: TimeLimit,
 ) -> Hypotheses:
-    """Hypotheses before one plate."""
+    """Hypotheses before one plate; of light alone, if the object hides nothing."""
     search, *discs = _discs(search_in(streak, image, plate), start)
     one_paint, varied = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
     fits = Fits(search, image, plate, streak, one_paint, varied)
+    hides = _opacity_of(best_of([kind[0] for kind in (one_paint, varied) if kind]))
+    if hides.value > 0:
+        return _compared(fits, hypotheses, limit)
+    light, dark = _light_alone(image, plate)
+    search = search_in(streak, light, dark)
+    search = search.with_observations(lambda one: replace(one, light_alone=True))
+    search, *discs = _discs(search, None)
+    found = _compared(Fits(search, light, dark, streak, *map(tuple, discs)), hypotheses, limit)
+    sweeps = tuple(
+        replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=hides.std)
+        for one in found.sweeps
+    )
+    return replace(found, sweeps=sweeps, plate=plate)
+
+
+def _light_alone(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
+    """The light that was added to a plate, and a black plate."""
+    meta = replace(
+        image.meta, transfer=None, transfer_assumed=False, levels=None, compression=None,
+        subsampled=False, coding=None,
+    )  # fmt: skip
+    noise, valid = image.variance + plate.variance, image.valid & plate.valid
+    black = np.zeros_like(plate.rgb)
+    return (
+        LinearImage(image.rgb - plate.rgb, noise, valid, meta),
+        LinearImage(black, black, valid, meta),
+    )
+
+
+def _compared(fits: Fits, hypotheses: Sequence[Hypothesis], limit: TimeLimit) -> Hypotheses:
+    """All hypotheses, from fits of discs."""
+    search, image = fits.search, fits.image
     untried: tuple[str, ...] = ()
     for hypothesis in hypotheses:
         if not hypothesis.is_worth_fitting(fits):
@@ -322,28 +361,46 @@ def _fit_before(
     sweeps, evidences, fitted = zip(*kept, strict=True)
     if image.meta.transfer_assumed:
         sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
-    return Hypotheses(observation, sweeps, evidences, plate, streak, untried)
+    return Hypotheses(observation, sweeps, evidences, fits.plate, fits.streak, untried)
 
 
-def _seen_through(disc: State, bounds: tuple[float, float]) -> State:
-    """A disc fitted with its opacity, so that other shapes need not explain the plate in it."""
-    thin = _with_opacity(Candidate(disc)).state
-    if thin is disc:
-        return disc
-    return minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
+def _seen_through(state: State, bounds: tuple[float, float]) -> State:
+    """A fit with its opacity, both as each other need: other shapes need not explain the plate in it.
+
+    The shape of a solid object is wrong for one that lets light through, and hides what it lets
+    through. So fits start from the opacity that it has if it is not solid, where the plate's texture says
+    something about that.
+    """
+    found, fitted = _opacity_of(state), state
+    if found.value == 1 and found.thin_std > _MAX_OPEN_STD:
+        return state
+    for _ in range(_MAX_ROUNDS):
+        opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
+        if abs(opacity - fitted.silhouette.opacity) < _MIN_OPACITY_STEP * found.thin_std:
+            break
+        thin = fitted.of_kind(fitted.silhouette.with_opacity(opacity))
+        fitted = minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
+        found = _opacity_of(fitted)
+    return state if found.value == 1 else fitted
+
+
+def _opacity_of(state: State) -> Opacity:
+    """The opacity of a fit and its error; 1 ± 0 if other frames know the object, or of light alone."""
+    observation = state.observation
+    if observation.prior is not None or observation.light_alone:
+        return Opacity(1.0, 0.0)
+    found = fit_opacity(state)
+    is_open = found.value + found.std < OPAQUE or found.std > 1 - OPAQUE
+    return found if is_open else Opacity(1.0, 0.0)
 
 
 def _with_opacity(candidate: Candidate) -> Candidate:
     """The candidate with its opacity and the error of that; path and shape are the same.
 
-    Where other frames know the object, it was there all the time.
+    Its alpha has the shape of the object, so that the opacity is above 0.
     """
-    state, found = candidate.state, Opacity(1.0, 0.0)
-    if state.observation.prior is None:
-        fitted = fit_opacity(state)
-        if fitted.value + fitted.std < OPAQUE or fitted.std > 1 - OPAQUE:
-            found = fitted
-    silhouette = candidate.silhouette.with_opacity(found.value)
+    state, found = candidate.state, _opacity_of(candidate.state)
+    silhouette = candidate.silhouette.with_opacity(max(found.value, _MIN_OPACITY))
     if state.silhouette != silhouette:
         state = replace(state.of_kind(silhouette), converged=state.converged)
     return replace(candidate, state=state, opacity_std=found.std)

@@ -38,7 +38,8 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     covariance, shape = covariance[:n, :n], state.shape[: silhouette.size]
     total = state.swept.by_parameters[..., :n].sum(axis=(0, 1))
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
-    area_error = np.hypot(area_error, candidate.opacity_std / silhouette.opacity)
+    if silhouette.opacity < 1:  # the color of an object that may be solid is that of a solid one
+        area_error = np.hypot(area_error, candidate.opacity_std / silhouette.opacity)
     model = _color_model(state, inflation, float(area_error))
     model = replace(model, to_srgb=image.meta.to_srgb, mean=np.maximum(state.mean_color, 0))
     sweep = Sweep(
