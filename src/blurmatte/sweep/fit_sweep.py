@@ -81,8 +81,8 @@ _MIN_REFINED_WEIGHT = 1e-3  # weight of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
 _MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
-# Of an object that lets light through: half the standard deviation of a number that is open, 0…1
-_MAX_OPEN_STD = 12**-0.5 / 2
+# Of the opacity of an object that lets light through; it is 0.29 if that is open, 0…1
+_MAX_OPEN_STD = 0.2
 _MAX_ROUNDS = 8  # of opacity and shape
 _MIN_OPACITY_STEP = 0.2  # standard deviations between two rounds
 _MAX_SOLID_BLUR = 0.1  # blur of the rim over the radius; shadows are softer
