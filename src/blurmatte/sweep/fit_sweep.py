@@ -26,7 +26,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
-from blurmatte.sweep.assess.opacity import Opacity, fit_opacity
+from blurmatte.sweep.assess.opacity import Opacity, fit_opacity, is_at_rest
 from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
@@ -37,7 +37,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.ranking import Candidate, best_of
+from blurmatte.sweep.fit.ranking import Candidate, best_of, is_source
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
@@ -83,6 +83,7 @@ _MIN_ALPHA_DIFFERENCE = 0.01
 _MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
 # Of the opacity of an object that lets light through; it is 0.29 if that is open, 0…1
 _MAX_OPEN_STD = 0.2
+_MAX_KNOWN_STD = 0.03  # of the opacity of a shape that needs no other to be compared
 _MAX_ROUNDS = 8  # of opacity and shape
 _MIN_OPACITY_STEP = 0.2  # standard deviations between two rounds
 _MAX_SOLID_BLUR = 0.1  # blur of the rim over the radius; shadows are softer
@@ -302,18 +303,35 @@ def _fit_before(
     hypotheses: Sequence[Hypothesis],
     limit: TimeLimit,
 ) -> Hypotheses:
-    """Hypotheses before one plate; of light alone, if the object hides nothing."""
+    """Hypotheses before one plate; of light alone, if the object hides nothing.
+
+    The object is solid unless the likeliest of these shapes is likelier if it lets light through.
+    """
     search, *discs = _discs(search_in(streak, image, plate), start)
-    one_paint, varied = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
-    fits = Fits(search, image, plate, streak, one_paint, varied)
-    hides = _opacity_of(best_of([kind[0] for kind in (one_paint, varied) if kind]))
+    fits = Fits(search, image, plate, streak, *map(tuple, discs))
+    state = best_of([kind[0] for kind in discs if kind])
+    if not (is_source(state) or is_at_rest(state)):
+        solid = _Candidates.of(fits, hypotheses, limit)
+        likeliest, disc = solid.likeliest, state
+        state = likeliest.state
+        opacity = _opacity_of(state)
+        starts = [state] if opacity.std <= _MAX_KNOWN_STD or disc is state else [state, disc]
+        thin = best_of([_seen_through(one, search.bounds) for one in starts])
+        if likeliest.cast is not None or best_of([state, thin]) is state:
+            spread = float(np.hypot(opacity.std, 1 - opacity.value))
+            return solid.with_opacity_std(spread).refined()
+        state = thin
+    hides = _opacity_of(_seen_through(state, search.bounds))
     if hides.value > 0:
-        return _compared(fits, hypotheses, limit)
+        thin_discs = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
+        fits = Fits(search, image, plate, streak, *thin_discs)
+        return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
     light, dark = _light_alone(image, plate)
     search = search_in(streak, light, dark)
     search = search.with_observations(lambda one: replace(one, light_alone=True))
     search, *discs = _discs(search, None)
-    found = _compared(Fits(search, light, dark, streak, *map(tuple, discs)), hypotheses, limit)
+    fits = Fits(search, light, dark, streak, *map(tuple, discs))
+    found = _Candidates.of(fits, hypotheses, limit).refined()
     sweeps = tuple(
         replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=hides.std)
         for one in found.sweeps
@@ -335,33 +353,66 @@ def _light_alone(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, L
     )
 
 
-def _compared(fits: Fits, hypotheses: Sequence[Hypothesis], limit: TimeLimit) -> Hypotheses:
-    """All hypotheses, from fits of discs."""
-    search, image = fits.search, fits.image
-    untried: tuple[str, ...] = ()
-    for hypothesis in hypotheses:
-        if not hypothesis.is_worth_fitting(fits):
-            continue
-        if fits.candidates and limit.is_over:
-            untried += (hypothesis.in_words,)
-            continue
-        _LOG.info("fitting %s", hypothesis.in_words)
-        fits = fits.with_fits_of(hypothesis)
-    observation, candidates = search.observation, [_with_opacity(c) for c in fits.candidates]
-    evidence = [_evidence(observation, c) for c in candidates]
-    weights = hypothesis_weights(evidence)
-    compared = [
-        _refined(candidate, known, image, search)
-        if weight > _MIN_REFINED_WEIGHT
-        else (sweep_of(candidate, image), known)
-        for candidate, known, weight in zip(candidates, evidence, weights, strict=True)
-    ]
-    order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
-    kept = _distinct([(*compared[i], candidates[i]) for i in order])
-    sweeps, evidences, fitted = zip(*kept, strict=True)
-    if image.meta.transfer_assumed:
-        sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
-    return Hypotheses(observation, sweeps, evidences, fits.plate, fits.streak, untried)
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Fits of hypotheses and the evidence for each."""
+
+    fits: Fits
+    candidates: list[Candidate]
+    evidence: list[Evidence]
+    untried: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        fits: Fits,
+        hypotheses: Sequence[Hypothesis],
+        limit: TimeLimit,
+        completed: Callable[[Candidate], Candidate] = lambda candidate: candidate,
+    ) -> "_Candidates":
+        """All fits from discs, each completed."""
+        untried: tuple[str, ...] = ()
+        for hypothesis in hypotheses:
+            if not hypothesis.is_worth_fitting(fits):
+                continue
+            if fits.candidates and limit.is_over:
+                untried += (hypothesis.in_words,)
+                continue
+            _LOG.info("fitting %s", hypothesis.in_words)
+            fits = fits.with_fits_of(hypothesis)
+        candidates = [completed(one) for one in fits.candidates]
+        evidence = [_evidence(fits.search.observation, one) for one in candidates]
+        return cls(fits, candidates, evidence, untried)
+
+    @property
+    def likeliest(self) -> Candidate:
+        """The one of the largest weight."""
+        return self.candidates[int(np.argmax(hypothesis_weights(self.evidence)))]
+
+    def with_opacity_std(self, std: float) -> "_Candidates":
+        """The same with an error of the opacity."""
+        candidates = [replace(one, opacity_std=std) for one in self.candidates]
+        return replace(self, candidates=candidates)
+
+    def refined(self) -> Hypotheses:
+        """Their sweeps, the likeliest first."""
+        search, image = self.fits.search, self.fits.image
+        weights = hypothesis_weights(self.evidence)
+        compared = [
+            _refined(candidate, known, image, search)
+            if weight > _MIN_REFINED_WEIGHT
+            else (sweep_of(candidate, image), known)
+            for candidate, known, weight in zip(
+                self.candidates, self.evidence, weights, strict=True
+            )
+        ]
+        order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
+        kept = _distinct([(*compared[i], self.candidates[i]) for i in order])
+        sweeps, evidences, fitted = zip(*kept, strict=True)
+        if image.meta.transfer_assumed:
+            sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
+        plate, streak = self.fits.plate, self.fits.streak
+        return Hypotheses(search.observation, sweeps, evidences, plate, streak, self.untried)
 
 
 def _seen_through(state: State, bounds: tuple[float, float]) -> State:
