@@ -74,6 +74,7 @@ _MIN_SIDE_PX = 32  # smaller pictures are not matched
 _MIN_POINTS = 100
 _MAX_RELATIVE_RESIDUAL = 0.5  # std over that of the image: another scene leaves more,
 _MAX_RESIDUAL = 0.1  # and more than this part of the median light
+_NOISE_OF_BLACK = 0.002  # of white: a black plate has no other residual
 _MIN_OVERLAP = 0.5  # fraction of the image that the plate covers
 
 
@@ -270,6 +271,7 @@ def _check_same_scene(
     if residual > max(
         _MAX_RELATIVE_RESIDUAL * image_std,
         _MAX_RESIDUAL * float(light.mean()),
+        _NOISE_OF_BLACK,
     ):
         raise PlateError(
             "image and plate do not show the same scene from the same place: after the best match "

@@ -84,6 +84,7 @@ _MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
 # Of the opacity of an object that lets light through; it is 0.29 if that is open, 0…1
 _MAX_OPEN_STD = 0.2
 _MAX_KNOWN_STD = 0.03  # of the opacity of a shape that needs no other to be compared
+_MIN_SOURCE_PX = 0.5  # radius of a source of light: a point that a lens blurs
 _MAX_ROUNDS = 8  # of opacity and shape
 _MIN_OPACITY_STEP = 0.2  # standard deviations between two rounds
 _MAX_SOLID_BLUR = 0.1  # blur of the rim over the radius; shadows are softer
@@ -329,6 +330,7 @@ def _fit_before(
     light, dark = _light_alone(image, plate)
     search = search_in(streak, light, dark)
     search = search.with_observations(lambda one: replace(one, light_alone=True))
+    search = replace(search, bounds=(min(_MIN_SOURCE_PX, search.bounds[0]), search.bounds[1]))
     search, *discs = _discs(search, None)
     fits = Fits(search, light, dark, streak, *map(tuple, discs))
     found = _Candidates.of(fits, hypotheses, limit).refined()
