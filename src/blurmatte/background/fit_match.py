@@ -284,6 +284,8 @@ def _check_same_scene(
             f"the camera moved: the plate is shifted by {x:+.0f}, {y:+.0f} pixels against the image "
             f"and shows only {overlap:.0%} of it; take both from a tripod"
         )
+    if min(light) < _NOISE_OF_BLACK:
+        return
     brighter = match.light[0] + match.light[1] / light
     if min(brighter) < _MIN_GAIN or max(brighter) > _MAX_GAIN:
         factors = ", ".join(f"{g:.2f}" for g in brighter)
