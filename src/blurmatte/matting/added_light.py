@@ -64,5 +64,12 @@ def answer_of_light(case: Case, out: PixelMaps | None, solver: Solver) -> Answer
         untried=untried,
     )
     return Answer(
-        maps, sweep.model, maps.solved, stats, solver, locates=True, assumes="", separates_shadow=True
+        maps,
+        sweep.model,
+        maps.solved,
+        stats,
+        solver,
+        locates=True,
+        assumes="",
+        separates_shadow=True,
     )

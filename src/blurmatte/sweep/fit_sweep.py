@@ -58,6 +58,7 @@ from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
@@ -308,9 +309,9 @@ def _fit_before(
 
     The object is solid unless the likeliest of these shapes is likelier if it lets light through.
     """
-    search, *discs = _discs(search_in(streak, image, plate), start)
-    fits = Fits(search, image, plate, streak, *map(tuple, discs))
-    state = best_of([kind[0] for kind in discs if kind])
+    search, one_paint, varied = _discs(search_in(streak, image, plate), start)
+    fits = Fits(search, image, plate, streak, tuple(one_paint), tuple(varied))
+    state = best_of([kind[0] for kind in (one_paint, varied) if kind])
     if not (is_source(state) or is_at_rest(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
         likeliest, disc = solid.likeliest, state
@@ -324,18 +325,28 @@ def _fit_before(
         state = thin
     hides = _opacity_of(_seen_through(state, search.bounds))
     if hides.value > 0:
-        thin_discs = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
-        fits = Fits(search, image, plate, streak, *thin_discs)
+        one_paint, varied = (
+            [_seen_through(one, search.bounds) for one in kind] for kind in (one_paint, varied)
+        )
+        fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
         return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
-    light, dark = _light_alone(image, plate)
+    return _of_light(search_in, fits, hypotheses, limit, hides.std)
+
+
+def _of_light(
+    search_in: Search, fits: Fits, hypotheses: Sequence[Hypothesis], limit: TimeLimit, std: float
+) -> Hypotheses:
+    """Hypotheses about the light that was added by an object of the opacity 0 ± std."""
+    streak, plate = fits.streak, fits.plate
+    light, dark = _light_alone(fits.image, plate)
     search = search_in(streak, light, dark)
     search = search.with_observations(lambda one: replace(one, light_alone=True))
     search = replace(search, bounds=(min(_MIN_SOURCE_PX, search.bounds[0]), search.bounds[1]))
-    search, *discs = _discs(search, None)
-    fits = Fits(search, light, dark, streak, *map(tuple, discs))
+    search, one_paint, varied = _discs(search, None)
+    fits = Fits(search, light, dark, streak, tuple(one_paint), tuple(varied))
     found = _Candidates.of(fits, hypotheses, limit).refined()
     sweeps = tuple(
-        replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=hides.std)
+        replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
         for one in found.sweeps
     )
     return replace(found, sweeps=sweeps, plate=plate)
@@ -421,8 +432,8 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
     """A fit with its opacity, both as each other need: other shapes need not explain the plate in it.
 
     The shape of a solid object is wrong for one that lets light through, and hides what it lets
-    through. So fits start from the opacity that it has if it is not solid, where the plate's texture says
-    something about that.
+    through. So fits start from the opacity that it has if it is not solid, where the plate's texture
+    says something about that.
     """
     found, fitted = _opacity_of(state), state
     if found.value == 1 and found.thin_std > _MAX_OPEN_STD:
@@ -431,6 +442,7 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
         opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
         if abs(opacity - fitted.silhouette.opacity) < _MIN_OPACITY_STEP * found.thin_std:
             break
+        assert isinstance(fitted.silhouette, FlatShape)
         thin = fitted.of_kind(fitted.silhouette.with_opacity(opacity))
         fitted = minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
         found = _opacity_of(fitted)

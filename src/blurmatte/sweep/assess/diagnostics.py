@@ -40,8 +40,8 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
     opacity_std = candidate.opacity_std
     if silhouette.opacity < 1:
-        # What is seen through it determines the product of opacity and alpha. The color of an object that
-        # may be solid is that of a solid one.
+        # What is seen through it determines the product of opacity and coverage. The color of an object
+        # that may be solid is that of a solid one.
         opacity_std = float(np.hypot(opacity_std, silhouette.opacity * area_error))
         area_error = opacity_std / silhouette.opacity
     model = _color_model(state, inflation, float(area_error))

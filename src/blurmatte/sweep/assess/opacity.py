@@ -6,10 +6,10 @@ opacity. Where it adds the light χ k,
 
     C = (1 − f χ) B + χ k.
 
-Shape and motion determine χ, and the light k, but before an even plate not f: k changes slowly, so that
-the texture of the plate alone shows it. In each of several blocks of pixels, χ times a plane is subtracted
-from C, u = (1 − χ) B and x = χ B. With the noise variance V of B, λ times the one that was measured, and
-the power S of the texture,
+Shape and motion determine χ, and the light k, but before an even plate not f: k changes slowly, so
+that the texture of the plate alone shows it. In each of several blocks of pixels, χ times a plane is
+subtracted from C, u = (1 − χ) B and x = χ B. With the noise variance V of B, λ times the one that was
+measured, and the power S of the texture,
 
     E[x C] = ρ (χ (1 − χ) + (1 − f) χ²) S,    E[x u] = χ (1 − χ) (S + λ V),    E[x²] = χ² (S + λ V).
 
@@ -18,9 +18,9 @@ are measured around the object, where χ = 0. The scatter between blocks is the 
 colors (a line or plane), image and plate themselves are used along the axes across these colors, in
 which the object has no light (equation (2) of the design).
 
-A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and its light k is at most f times
-the brightest paint's. A source of light has any k. Most of these hide nothing (f = 0). Light
-that would be negative excludes values of f. Before an even plate the posterior is the prior. Of an
+A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and its light k is at most f
+times that of the brightest paint. A source of light has any k, and most sources hide nothing (f = 0).
+Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of an
 object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. The
 error does not rest on that: it is the root mean square distance from f with even odds of solid, of
 more and of less than half of the light hidden.
@@ -37,7 +37,6 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
-from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
 # Blocks, and the priors of noise and sampling.
@@ -59,8 +58,8 @@ _MIN_COVERED = 0.004  # of the exposure, of pixels that show the object
 # Prior odds of what is rare, a source of light or an object that lets light through, against what is
 # usual: decisive evidence makes them even
 RARE_ODDS = float(np.exp(-DECISIVE_LOG_BAYES_FACTOR))
-# Of an object that moved and lets light through against a solid one, for the error: 1 − f is then at most
-# twice the error in 95 % of such objects, also if nothing is known of f
+# Of an object that moved and lets light through against a solid one, for the error: 1 − f is then at
+# most twice the error in 95 % of such objects, also if nothing is known of f
 _OPEN_ODDS = 2.0
 
 
@@ -254,8 +253,9 @@ def _moments(
     V = free[:, None] * V_B
     noise, noise_u = covered**2 * V, covered * (1 - covered) * V
     spread = [float(np.sum(w**2 * v)) for v in (x**2 * V_C, x**2 * noise, noise**2)]
-    of_pairs = (sums(v) for v in (x * C, x * x, x * u, C * C, noise, noise_u, x))
-    return _Moments(*of_pairs, np.array(spread))
+    products = x * C, x * x, x * u, C * C, noise, noise_u, x
+    xC, xx, xu, CC, noise, noise_u, x = map(sums, products)
+    return _Moments(xC, xx, xu, CC, noise, noise_u, x, np.array(spread))
 
 
 def _without_planes(
@@ -271,9 +271,7 @@ def _without_planes(
     inverse = np.linalg.pinv(M.reshape(count, 3, 3), hermitian=True)
     left = []
     for light in values:
-        right = [
-            [np.bincount(block, at[:, i] * one, count) for one in light.T] for i in range(3)
-        ]
+        right = [[np.bincount(block, at[:, i] * one, count) for one in light.T] for i in range(3)]
         plane = np.einsum("bij,jab->bia", inverse, np.array(right))[block]
         left.append(light - np.einsum("ni,nia->na", at, plane))
     free = 1 - np.einsum("ni,nij,nj->n", at, inverse[block], at)
@@ -305,9 +303,7 @@ def _lights(observation: Observation, chi: Array, inside: Bools) -> _Lights:
     return _Lights(light - behind, behind)
 
 
-def _mean_lights(
-    pictures: tuple[Array, Array], chi: Array, inside: Bools
-) -> tuple[Array, Array]:
+def _mean_lights(pictures: tuple[Array, Array], chi: Array, inside: Bools) -> tuple[Array, Array]:
     """(3,) light of an object of f = 1, and of the plate, weighted by χ²."""
     part = chi[inside][:, None]
     C, B = (picture[inside] for picture in pictures)
@@ -337,11 +333,11 @@ def _posterior(scores: list[_Scores], lights: _Lights, at_rest: bool) -> Opacity
         value = 1.0
     elif mass[0] > mass.sum() / 2:
         value = 0.0
-    mean, between = thin @ f / thin.sum(), lambda mass, at, value: mass @ (at - value) ** 2 / mass.sum()
     mass = np.array([dark, *((1.0 if at_rest else _OPEN_ODDS) * thin), solid])
-    return Opacity(
-        value,
-        float(np.sqrt(between(mass, at, value))),
-        float(mean),
-        float(np.sqrt(between(thin, f, mean))),
-    )
+    mean = float(thin @ f / thin.sum())
+    return Opacity(value, _rms_from(value, at, mass), mean, _rms_from(mean, f, thin))
+
+
+def _rms_from(value: float, at: Array, mass: Array) -> float:
+    """Root mean square distance from a value of masses (n,) at places (n,)."""
+    return float(np.sqrt(mass @ (at - value) ** 2 / mass.sum()))
