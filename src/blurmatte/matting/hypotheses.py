@@ -144,11 +144,6 @@ class _WeightedHypotheses:
         )
 
     @property
-    def opacity_is_open(self) -> bool:
-        """Whether the opacity is too uncertain for a confirmed alpha."""
-        return self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1]
-
-    @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
@@ -223,12 +218,12 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     gray = fitted.image.meta.one_channel
     average = calibrated(average, estimates, terms, compressed, exact, gray)
     error = claimed_error(average)
-    average = found.with_open_errors(average)
+    solid, average = graded(average)[0], found.with_open_errors(average)
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
     if gray:
         because = ["gray", *(name for name in because if name != "shape")]
-    if found.opacity_is_open:
+    if found.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid:
         because = ["opacity", *because]
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
     if untried:

@@ -20,8 +20,8 @@ which the object has no light (equation (2) of the design).
 
 A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and its light k is at most f
 times that of the brightest paint. A source of light has any k, and most sources hide nothing (f = 0).
-Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of an
-object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. The
+Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
+an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. The
 error does not rest on that: it is the root mean square distance from f with even odds of solid, of
 more and of less than half of the light hidden.
 """
