@@ -39,7 +39,7 @@ class Layer(Displayed):
     Parameters
     ----------
     alpha : (H, W) float
-        Fraction of the exposure, 0…1.
+        Fraction of the exposure, 0…1, times the opacity; 0 of an object that only adds light.
     premultiplied : (H, W, 3) float
         Linear light, alpha times the object's color.
 
@@ -74,6 +74,11 @@ class Layer(Displayed):
         return self._box is None
 
     @property
+    def only_adds_light(self) -> bool:
+        """True if alpha is 0 everywhere, and light is not."""
+        return not self.empty and not self.alpha[rows_columns(self.box)].any()
+
+    @property
     def box(self) -> Box:
         """(x0, y0, x1, y1) bounding box of the nonzero pixels, x1 and y1 exclusive.
 
@@ -98,6 +103,8 @@ class Layer(Displayed):
     def color(self) -> Array:
         """(3,) linear color of the object, the mean weighted by alpha.
 
+        Of a layer that only adds light its brightest channel is 1.
+
         Raises
         ------
         ValueError
@@ -105,7 +112,8 @@ class Layer(Displayed):
         """
         place = rows_columns(self.box)
         light = self.premultiplied[place].sum(axis=(0, 1), dtype=float)
-        return np.asarray(light / max(self.alpha[place].sum(dtype=float), 1e-12))
+        amount = light.max() if self.only_adds_light else self.alpha[place].sum(dtype=float)
+        return np.asarray(light / max(float(amount), 1e-12))
 
     def over(self, background: LinearImage) -> LinearImage:
         """Put the layer over a background of the same size [GC07 Eq. 3].
@@ -174,7 +182,8 @@ class Layer(Displayed):
         """Enhance a faint object: alpha times a factor, color scaled to a brightness.
 
         The enhancement of [GC07 Fig. 4]. The color is scaled so that the 99 % quantile of the brightest
-        channel, weighted by alpha, is `brightness`. Hue and shading are kept.
+        channel, weighted by alpha, is `brightness`. Hue and shading are kept. Of a layer that only
+        adds light, the light is scaled so, weighted by itself.
 
         Parameters
         ----------
@@ -190,12 +199,13 @@ class Layer(Displayed):
         """
         _check_factor("brightness", brightness)
         place = rows_columns(self.box)
-        brightest = self.straight()[place].max(axis=-1).ravel()
-        weight = self.alpha[place].ravel().astype(float)
+        lit = self.only_adds_light
+        brightest = (self.premultiplied if lit else self.straight())[place].max(axis=-1).ravel()
+        weight = (np.maximum(brightest, 0) if lit else self.alpha[place].ravel()).astype(float)
         order = np.argsort(brightest, kind="stable")
         share = np.cumsum(weight[order])
         top = brightest[order[np.searchsorted(share, 0.99 * share[-1])]]
-        faded = self.fade(factor)
+        faded = self if lit else self.fade(factor)
         return faded if top <= 0 else faded.relight(brightness / float(top))
 
     def recolor(self, *colors: Color, paints: Sequence[Color] | None = None) -> "Layer":

@@ -124,24 +124,31 @@ def test_kind_of_the_shape_is_stated(solution, silhouette, is_disc, words):
 @pytest.mark.parametrize(
     ("opacity", "std", "words"),
     [
-        (0.5, 0.02, "It was there for 0.500 ± 0.020 of the exposure, or hides that part of the"),
         (
-            0.7,
-            0.25,
-            "too little of the plate's texture shows through it to determine the part of the exposure",
+            0.5,
+            0.02,
+            "It hides 0.500 ± 0.020 of the light behind it, or was there for that part of the",
         ),
-        (1.0, 0.0, None),
+        (0.7, 0.25, "Which part of the light behind it it hides is uncertain (0.70 ± 0.25)"),
+        (0.0, 0.05, "It only adds light (opacity 0.000 ± 0.050): alpha of its layer is 0"),
     ],
 )
-def test_the_part_of_the_exposure_is_stated_of_objects_at_rest(solution, opacity, std, words):
+def test_how_much_light_an_object_hides_is_stated_unless_it_is_solid(solution, opacity, std, words):
     said = " ".join(explain(solution(sweep=disc_on_arc(opacity=opacity, opacity_std=std))))
-    assert (words or "explains the streak") in said
-    assert ("exposure, or hides" in said) == (opacity == 0.5)
+    assert words in said
+    assert "behind" not in " ".join(explain(solution(sweep=disc_on_arc())))
 
 
-def test_a_short_path_that_leaves_the_duration_open_is_said_with_its_remedy(solution):
-    short = disc_on_arc(opacity=1.0, opacity_std=0.04)
-    said = " ".join(explain(solution(sweep=short, grade_reasons=("duration",))))
-    assert "may have been there for a part only" in said
+def test_an_opacity_that_nothing_shows_is_said_with_its_remedy(solution):
+    solid = disc_on_arc(opacity=1.0, opacity_std=0.4)
+    said = " ".join(explain(solution(sweep=solid, grade_reasons=("opacity",))))
+    assert "It is taken for solid (opacity 1.00 ± 0.40)." in said
     assert "A plate with texture or a given color would decide." in said
-    assert "there for a part" not in " ".join(explain(solution(sweep=short)))
+
+
+def test_the_light_that_was_added_is_summed_in_the_place_of_alpha(solution):
+    light = disc_on_arc(opacity=0.0, opacity_std=0.05)
+    said = " ".join(explain(solution(sweep=light, sum_alpha=0.0, sum_alpha_std=3.0)))
+    assert "Its light adds up to" in said
+    assert "Sum of alpha" not in said
+    assert "may be nothing" not in said

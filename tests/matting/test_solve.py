@@ -338,6 +338,11 @@ def claimed(solution):
     return np.hypot(solution.alpha_std, solution.stats.alpha_scale_std * solution.alpha)
 
 
+def opacity_is_open(solution):
+    """Whether the error contains that a solid object may let light through, before an even plate."""
+    return "opacity" in solution.stats.grade_reasons
+
+
 RENDERED = {
     "tiles": Scene(colorful_plate((160, 112), 2, tile=20), LINE, Ball(11, (0.25, 0.7, 0.12))),
     "one hue": Scene(
@@ -389,13 +394,16 @@ def test_balls_are_solved_without_a_color(name):
     stats, true = solution.stats, truth.layer.alpha.sum()
     claimed_sum = stats.sum_alpha_std
     assert claimed_sum >= stats.alpha_scale_std * stats.sum_alpha
-    assert abs(stats.sum_alpha - true) < 3 * claimed_sum < 0.6 * true
+    assert abs(stats.sum_alpha - true) < 3 * claimed_sum
+    assert 3 * claimed_sum < 0.6 * true or opacity_is_open(solution)
 
 
 def test_claimed_errors_are_conservative_over_scenes(answers):
     """honest: over all scenes; the errors are calibrated on harder ones than these."""
     errors, claims = [], []
     for truth, solution in answers.values():
+        if opacity_is_open(solution):
+            continue
         inside = (truth.layer.alpha > 0.05) & solution.streak
         errors.append(root_mean_square((solution.alpha - truth.layer.alpha)[inside]))
         claims.append(root_mean_square(claimed(solution)[inside]))
@@ -810,14 +818,16 @@ def test_texture_shows_for_how_long_an_object_that_moved_was_there(opacity):
 
 
 @pytest.mark.parametrize("opacity", [1.0, pytest.param(0.5, marks=pytest.mark.battery)])
-def test_an_object_that_moved_before_a_plain_wall_is_not_confirmed(opacity):
+def test_the_opacity_of_an_object_that_moved_before_a_plain_wall_is_in_its_error(opacity):
     image, plate, true = flash(opacity, contrast=0.0, length=9.0)
     solution = solve(image, plate)
-    assert solution.grade is Grade.PLAUSIBLE
-    assert solution.stats.grade_reasons[0] == "duration"
+    assert solution.grade is Grade.ASSUMED
+    assert solution.stats.grade_reasons[0] == "opacity"
     assert solution.sweep.silhouette.opacity == 1
+    error = solution.stats.sum_alpha - true.sum()
+    assert abs(error) < 2.5 * solution.stats.sum_alpha_std
     if opacity == 1:
-        assert abs(solution.stats.sum_alpha / true.sum() - 1) < 0.01
+        assert abs(error) < 0.01 * true.sum()
 
 
 @pytest.mark.battery
@@ -825,6 +835,6 @@ def test_a_flash_before_a_plain_wall_is_assumed_unless_its_color_is_given():
     image, plate, true = flash(0.4, contrast=0.0)
     open_ = solve(image, plate)
     assert open_.grade is Grade.ASSUMED
-    assert open_.stats.grade_reasons[0] == "duration"
+    assert open_.stats.grade_reasons[0] == "opacity"
     given = solve(image, plate, ColorModel.from_samples(np.array([[0.7, 0.3, 0.06]]), std=1e-3))
     assert abs(given.stats.sum_alpha / true.sum() - 1) < 0.1

@@ -74,6 +74,7 @@ _MIN_SIDE_PX = 32  # smaller pictures are not matched
 _MIN_POINTS = 100
 _MAX_RELATIVE_RESIDUAL = 0.5  # std over that of the image: another scene leaves more,
 _MAX_RESIDUAL = 0.1  # and more than this part of the median light
+_NOISE_OF_BLACK = 0.002  # of white: a black plate has no other residual
 _MIN_OVERLAP = 0.5  # fraction of the image that the plate covers
 
 
@@ -270,6 +271,7 @@ def _check_same_scene(
     if residual > max(
         _MAX_RELATIVE_RESIDUAL * image_std,
         _MAX_RESIDUAL * float(light.mean()),
+        _NOISE_OF_BLACK,
     ):
         raise PlateError(
             "image and plate do not show the same scene from the same place: after the best match "
@@ -282,6 +284,8 @@ def _check_same_scene(
             f"the camera moved: the plate is shifted by {x:+.0f}, {y:+.0f} pixels against the image "
             f"and shows only {overlap:.0%} of it; take both from a tripod"
         )
+    if min(light) < _NOISE_OF_BLACK:
+        return
     brighter = match.light[0] + match.light[1] / light
     if min(brighter) < _MIN_GAIN or max(brighter) > _MAX_GAIN:
         factors = ", ".join(f"{g:.2f}" for g in brighter)

@@ -17,7 +17,7 @@ _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
     "light": "constant light of the object is assumed",
     "solver": "the errors of this solver are not calibrated",
-    "duration": "the part of the exposure during which it was there is uncertain",
+    "opacity": "the part of the light behind it that it hides is uncertain",
     "gray": "without hues alpha follows from the shape alone",
     "time": "not all explanations were tried in the given time",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
@@ -101,7 +101,7 @@ def _errors(stats: SolutionStats, grade: Grade) -> list[str]:
         said.append(f"alpha is known up to a factor of 1 ± {scale:.2g}")
     if error is not None:
         said.append(f"{'' if said else 'alpha '}within {error:.2g}")
-    if grade is not Grade.ASSUMED and scale is not None:
+    if grade is not Grade.ASSUMED and scale is not None and not stats.only_adds_light:
         said.append(f"its sum within {rounded_std(100 * scale)} %")
     return said
 
@@ -183,7 +183,7 @@ def doubts(solution: Solution) -> list[str]:
 def _no_object(solution: Solution) -> list[str]:
     total = solution.stats.sum_alpha
     std = solution.sum_std_without_factor
-    if total is None or total > 3 * std:
+    if total is None or total > 3 * std or solution.stats.only_adds_light:
         return []  # a common factor of alpha that is open makes no object disappear
     return [
         f"Alpha adds up to {total:.0f} ± {rounded_std(std)}, which may be nothing: what moved here may "

@@ -12,7 +12,7 @@ import numpy as np
 
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.grade import alpha_peak, alternatives_in_words, doubts, grade_in_words
-from blurmatte.explain.numbers import rounded_std
+from blurmatte.explain.numbers import rounded_std, with_error
 from blurmatte.explain.sweep import sweep_in_words
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
@@ -37,13 +37,16 @@ def solution_in_words(solution: Solution) -> Iterator[str]:
     yield from (f"{line}." for line in grade_in_words(solution))
     yield from (f"{line[0].upper()}{line[1:]}." for line in alternatives_in_words(solution))
     yield from doubts(solution)
-    yield f"Alpha up to {alpha_peak(solution):.2f}."
+    if not stats.only_adds_light:
+        yield f"Alpha up to {alpha_peak(solution):.2f}."
     yield from sweep_in_words(solution)
     if stats.smooth is not None:
         what = "change little" if stats.smooth.order == 1 else "bend little"
         settled = "" if stats.smooth.converged else " It had not settled yet: take a little care."
         yield f"All pixels were solved together, as alpha seems to {what} but for edges.{settled}"
-    if stats.sum_alpha is not None:
+    if stats.only_adds_light:
+        yield _light(solution)
+    elif stats.sum_alpha is not None:
         yield from _area(solution, stats.sum_alpha)
     if stats.match is not None:
         yield _match(stats.match)
@@ -76,6 +79,15 @@ def _area(solution: Solution, total: float) -> Iterator[str]:
         yield f"{unknown} pixels of the streak are unknown and not in the sum."
     if _touches_border(solution):
         yield "The streak touches the border; the sum lacks what lies beyond."
+
+
+def _light(solution: Solution) -> str:
+    """The sum of the light that was added."""
+    inside = solution.streak
+    total = solution.premultiplied[inside].sum(axis=0, dtype=float)
+    std = np.sqrt((solution.premultiplied_std[inside].astype(float) ** 2).sum(axis=0))
+    each = ", ".join(with_error(*pair) for pair in zip(total, std, strict=True))
+    return f"Its light adds up to {each} (R, G, B; a white pixel is 1)."
 
 
 def _condition(model: ColorModel) -> str:

@@ -9,7 +9,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SweepSummary
 
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
-_MAX_KNOWN_STD = 0.1  # of a part of the exposure that is worth a number
+_MAX_KNOWN_STD = 0.1  # of an opacity that is worth a number
 
 
 def likeliest_shape(solution: Solution) -> SweepSummary | None:
@@ -24,7 +24,7 @@ def sweep_in_words(solution: Solution) -> list[str]:
         return []
     if likeliest_shape(solution) is None:
         return _outweighed(sweep, solution.stats.weights or (0.0,))
-    said = [*_explained(sweep, solution), *_presence(sweep, solution.stats.grade_reasons)]
+    said = [*_explained(sweep, solution), *_opacity(sweep, solution.stats.grade_reasons)]
     if sweep.softness >= _MIN_BLUR_PX:
         said.append(
             f"The lens blurs its rim by {sweep.softness:.1f} px: it was not in focus as the plate is."
@@ -38,26 +38,28 @@ def sweep_in_words(solution: Solution) -> list[str]:
     return said
 
 
-def _presence(sweep: SweepSummary, reasons: Sequence[str]) -> list[str]:
-    """For how much of the exposure an object was there, unless certainly for all of it."""
-    opacity, std = sweep.opacity, sweep.opacity_std
-    if opacity == 1 and "duration" in reasons:
+def _opacity(sweep: SweepSummary, reasons: Sequence[str]) -> list[str]:
+    """How much of the light behind it an object hides, unless certainly all of it."""
+    opacity, known = sweep.opacity, with_error(sweep.opacity, sweep.opacity_std)
+    decide = "A plate with texture or a given color would decide."
+    if opacity == 0:
         return [
-            "It is assumed to have been there for all of the exposure. On a path shorter than itself "
-            "it may have been there for a part only; alpha is then smaller by that factor. A plate "
-            "with texture or a given color would decide."
+            f"It only adds light (opacity {known}): alpha of its layer is 0, and the light is added to "
+            "what is behind."
+        ]
+    if opacity == 1 and "opacity" in reasons:
+        return [
+            f"It is taken for solid (opacity {known}). If it lets light through, or was there for a "
+            f"part of the exposure only, alpha is smaller by that factor. {decide}"
         ]
     if opacity == 1:
         return []
-    fraction = with_error(opacity, std)
-    if std > _MAX_KNOWN_STD:
+    if sweep.opacity_std > _MAX_KNOWN_STD:
         return [
-            "It was at rest, and too little of the plate's texture shows through it to determine the "
-            f"part of the exposure during which it was there ({fraction}): give its color."
+            f"Which part of the light behind it it hides is uncertain ({known}), or for which part of "
+            f"the exposure it was there. {decide}"
         ]
-    return [
-        f"It was there for {fraction} of the exposure, or hides that part of the light behind it."
-    ]
+    return [f"It hides {known} of the light behind it, or was there for that part of the exposure."]
 
 
 def _outweighed(sweep: SweepSummary, weights: Sequence[float]) -> list[str]:

@@ -174,7 +174,9 @@ def _panels(
         Panel(image.rgb[place], "image"),
         Panel(plate.rgb[place], "plate"),
         Panel(gray_codes(layer.alpha, peak), "alpha", f"white = {peak:g}"),
-        Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
+        Panel(layer.premultiplied, "light", "that is added, over black")
+        if solution.stats.only_adds_light
+        else Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
         _error_panel(part),
         Panel(layer.over(background).rgb, "layer", "over a checkerboard"),
     ]

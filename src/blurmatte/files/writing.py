@@ -201,11 +201,19 @@ def _image_writers(image: LinearImage) -> Mapping[str, _Writer]:
 
 def _layer_writers(layer: Layer) -> Mapping[str, _Writer]:
     straight = {"oiio:UnassociatedAlpha": 1}
-    return {
+    writers = {
         ".png": lambda path: save_pixels(path, _straight(layer), "RGBA", _SRGB | straight),
         ".tif": lambda path: save_pixels(path, _associated(layer), "RGBA", _SRGB),
         ".exr": lambda path: save_pixels(path, [layer.premultiplied, layer.alpha], "RGBA", _LINEAR),
     }
+    if layer.only_adds_light:  # code values times an alpha of 0 have no light
+
+        def save_light(path: Path) -> None:
+            """The light over black."""
+            save_pixels(path, [_encoded(layer.premultiplied)], "RGB", _SRGB)
+
+        writers |= {".png": save_light, ".tif": save_light}
+    return writers
 
 
 def _spread_writers(spread: PointSpread) -> Mapping[str, _Writer]:

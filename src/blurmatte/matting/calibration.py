@@ -35,7 +35,7 @@ MAX_REASONS = 3  # stated
 _RIM_SHARE = 0.35  # of the excess variance: position of the rim
 _CONSTANT_SHARE = 0.1  # of the excess variance: the same wherever the object may be
 _MIN_RIM_ERROR_PX = 0.03  # smallest error of the rim's position, root mean square
-_MIN_ALPHA = 0.004  # of the pixels that count as streak
+MIN_ALPHA = 0.004  # of the pixels that count as streak
 _MIN_CLAIM = 1e-4  # smallest claimed error of alpha
 _LARGE_CLAIM = 0.05  # claimed error of alpha from which on claims are not too small
 _MAX_COLOR_SPREAD = 0.5  # radians
@@ -72,7 +72,7 @@ def claimed_error(estimate: AlphaEstimate) -> float:
 
 def on_streak(alpha: Floats, std: Floats) -> Bools:
     """Pixels of the streak whose alpha is known: over these its error is a root mean square."""
-    return np.asarray((alpha > _MIN_ALPHA) & np.isfinite(std))
+    return np.asarray((alpha > MIN_ALPHA) & np.isfinite(std))
 
 
 def error_terms(
@@ -135,7 +135,7 @@ def reasons(terms: ErrorTerms, claim: float, weights: Array, compressed: bool) -
 def rms_difference(average: AlphaEstimate, other: AlphaEstimate) -> float:
     """Root mean square difference of alpha where either estimate has the object."""
     a, b = (np.where(np.isfinite(one.alpha), one.alpha, 0) for one in (average, other))
-    use = (a > _MIN_ALPHA) | (b > 5 * _MIN_ALPHA)
+    use = (a > MIN_ALPHA) | (b > 5 * MIN_ALPHA)
     return float(np.sqrt(np.mean((a - b)[use] ** 2))) if use.any() else 0.0
 
 
@@ -157,9 +157,9 @@ def calibrated(
     factor = fitted_calibration().factor(terms, file_class, exact_color)
     error = min(claim * factor, 1.0)
     alpha = np.asarray(average.alpha, float)
-    use = alpha > _MIN_ALPHA
+    use = alpha > MIN_ALPHA
     slope = np.hypot(*np.gradient(np.clip(alpha, 0, 1)))
-    anywhere = np.any([np.nan_to_num(one.alpha) > _MIN_ALPHA for one in estimates], axis=0)
+    anywhere = np.any([np.nan_to_num(one.alpha) > MIN_ALPHA for one in estimates], axis=0)
     beyond = max(error**2 - claim**2, 0.0)
     own = np.hypot(average.alpha_std, average.scale_std * alpha) * min(1.0, error / claim)
     slope_square, alpha_square = (

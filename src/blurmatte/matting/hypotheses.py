@@ -10,6 +10,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
+from blurmatte.matting.added_light import adds_light, answer_of_light
 from blurmatte.matting.alternatives import Alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
 from blurmatte.matting.calibration import (
@@ -36,7 +37,6 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
-from blurmatte.sweep.assess.opacity import MOVED_ODDS
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 
@@ -144,16 +144,6 @@ class _WeightedHypotheses:
         )
 
     @property
-    def duration_is_open(self) -> bool:
-        """Whether the opacity is too uncertain for a confirmed alpha.
-
-        Of an object that moved, as if a part of the exposure were as probable as all of it before the
-        picture: the prior alone confirms nothing.
-        """
-        prior = 1.0 if self.shapes[0].sweep.silhouette.opacity < 1 else MOVED_ODDS
-        return bool(self.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] * np.sqrt(prior))
-
-    @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
         return [
@@ -200,7 +190,9 @@ class Swept(Solver):
     with_shapeless: ClassVar[bool] = False  #: whether alpha without a shape competes
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
-        """Average the hypotheses about a case."""
+        """Average the hypotheses about a case; of an object that hides nothing, its light."""
+        if adds_light(case):
+            return answer_of_light(case, out, Swept())
         return _averaged(case, out, self.with_shapeless)
 
 
@@ -226,14 +218,13 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     gray = fitted.image.meta.one_channel
     average = calibrated(average, estimates, terms, compressed, exact)
     error = claimed_error(average)
-    average = found.with_open_errors(average)
+    solid, average = graded(average)[0], found.with_open_errors(average)
     grade, alpha_error = graded(average)
     because = reasons(terms, claim, found.weights, compressed)
     if gray:
         because = ["gray", *(name for name in because if name != "shape")]
-    if found.duration_is_open:
-        because = ["duration", *because]
-        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
+    if found.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid:
+        because = ["opacity", *because]
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
     if untried:
         because = ["time", *because]

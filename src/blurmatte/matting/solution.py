@@ -161,14 +161,18 @@ class Solution(Displayed):
         """The object as a picture, to composite with; measure on `alpha` instead.
 
         Alpha is clipped to [0, 1] and light is not negative. Both are 0 where one of them is unknown,
-        occluded, or nothing moved. The light of a camera RAW is converted to linear sRGB.
+        occluded, or nothing moved. Of an object that only adds light alpha is 0, and the light is the
+        estimate, not clipped. The light of a camera RAW is converted to linear sRGB.
         """
         place = self.streak_place
         part = self.within(place)
         lit = part.known & np.isfinite(part.premultiplied_std).all(axis=-1)
         alpha = np.where(part.streak & lit, np.clip(part.alpha, 0, 1), 0)
         seen = light_in_srgb(part.premultiplied, self.model.to_srgb)
-        light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
+        if self.stats.only_adds_light:
+            light = np.where((part.streak & lit)[..., None], seen, 0)
+        else:
+            light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
         whole = (  # pages that are never written take neither memory nor time
             np.zeros(self.alpha.shape, self.alpha.dtype),
             np.zeros(self.premultiplied.shape, self.premultiplied.dtype),

@@ -146,8 +146,8 @@ class SweepSummary:
     softness : float
         Standard deviation of the blur of the rim by the lens, pixels; 0 without.
     opacity, opacity_std : float
-        Of an object whose path is shorter than itself the part of the exposure during which it was
-        there; else 1 ± 0.
+        The part of the light behind it that it hides where it is: 1 if it is solid, 0 if it only adds
+        light. Of an opaque object at rest, the part of the exposure during which it was there.
     outlines : (2,) of (n,) of (float, float)
         Points of the outline at the beginning and at the end of the exposure, pixels.
     diagnostics : Diagnostics
@@ -317,6 +317,11 @@ class SolutionStats:
         """Whether the answer, or of averaged hypotheses the likeliest, is a shape on a path."""
         shapeless = self.alternatives is not None and self.alternatives[0].radius is None
         return self.sweep is not None and not shapeless
+
+    @property
+    def only_adds_light(self) -> bool:
+        """Whether the answer is an object that hides nothing of the light behind it."""
+        return self.has_shape and self.sweep is not None and self.sweep.opacity == 0
 
     def moved(self, x: int, y: int) -> SolutionStats:
         """The same in a picture in which that of the solution begins at x, y; pixels."""

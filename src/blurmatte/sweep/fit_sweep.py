@@ -26,7 +26,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
 )
-from blurmatte.sweep.assess.opacity import Opacity, fit_opacity
+from blurmatte.sweep.assess.opacity import Opacity, fit_opacity, is_at_rest
 from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
@@ -37,7 +37,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.ranking import Candidate
+from blurmatte.sweep.fit.ranking import Candidate, best_of, is_source
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
@@ -58,6 +58,7 @@ from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
@@ -80,6 +81,13 @@ _MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
 _MIN_REFINED_WEIGHT = 1e-3  # weight of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
+_MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
+# Of the opacity of an object that lets light through; it is 0.29 if that is open, 0…1
+_MAX_OPEN_STD = 0.2
+_MAX_KNOWN_STD = 0.03  # of the opacity of a shape that needs no other to be compared
+_MIN_SOURCE_PX = 0.5  # radius of a source of light: a point that a lens blurs
+_MAX_ROUNDS = 8  # of opacity and shape
+_MIN_OPACITY_STEP = 0.2  # standard deviations between two rounds
 _MAX_SOLID_BLUR = 0.1  # blur of the rim over the radius; shadows are softer
 
 
@@ -230,6 +238,8 @@ def _in_likelier_light(
     they know is fitted again only in a light in which it is likelier as it is.
     """
     known = found.best.diagnostics
+    if found.observation.light_alone:
+        return found
     if is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     if limit.is_over:
@@ -293,55 +303,167 @@ def _fit_before(
     hypotheses: Sequence[Hypothesis],
     limit: TimeLimit,
 ) -> Hypotheses:
-    """Hypotheses before one plate."""
-    search, *discs = _discs(search_in(streak, image, plate), start)
-    one_paint, varied = (tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs)
-    fits = Fits(search, image, plate, streak, one_paint, varied)
-    untried: tuple[str, ...] = ()
-    for hypothesis in hypotheses:
-        if not hypothesis.is_worth_fitting(fits):
-            continue
-        if fits.candidates and limit.is_over:
-            untried += (hypothesis.in_words,)
-            continue
-        _LOG.info("fitting %s", hypothesis.in_words)
-        fits = fits.with_fits_of(hypothesis)
-    observation, candidates = search.observation, [_with_opacity(c) for c in fits.candidates]
-    evidence = [_evidence(observation, c) for c in candidates]
-    weights = hypothesis_weights(evidence)
-    compared = [
-        _refined(candidate, known, image, search)
-        if weight > _MIN_REFINED_WEIGHT
-        else (sweep_of(candidate, image), known)
-        for candidate, known, weight in zip(candidates, evidence, weights, strict=True)
-    ]
-    order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
-    kept = _distinct([(*compared[i], candidates[i]) for i in order])
-    sweeps, evidences, fitted = zip(*kept, strict=True)
-    if image.meta.transfer_assumed:
-        sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
-    return Hypotheses(observation, sweeps, evidences, plate, streak, untried)
+    """Hypotheses before one plate; of light alone, if the object hides nothing.
+
+    The object is solid unless the likeliest of these shapes is likelier if it lets light through.
+    """
+    search, one_paint, varied = _discs(search_in(streak, image, plate), start)
+    fits = Fits(search, image, plate, streak, tuple(one_paint), tuple(varied))
+    state = best_of([kind[0] for kind in (one_paint, varied) if kind])
+    if not (is_source(state) or is_at_rest(state)):
+        solid = _Candidates.of(fits, hypotheses, limit)
+        likeliest, disc = solid.likeliest, state
+        state = likeliest.state
+        opacity = _opacity_of(state)
+        starts = [state] if opacity.std <= _MAX_KNOWN_STD or disc is state else [state, disc]
+        thin = best_of([_seen_through(one, search.bounds) for one in starts])
+        if likeliest.cast is not None or best_of([state, thin]) is state:
+            spread = float(np.hypot(opacity.std, 1 - opacity.value))
+            return solid.with_opacity_std(spread).refined()
+        state = thin
+    hides = _opacity_of(_seen_through(state, search.bounds))
+    if hides.value > 0:
+        one_paint, varied = (
+            [_seen_through(one, search.bounds) for one in kind] for kind in (one_paint, varied)
+        )
+        fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
+        return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
+    return _of_light(search_in, fits, hypotheses, limit, hides.std)
 
 
-def _seen_through(disc: State, bounds: tuple[float, float]) -> State:
-    """A disc fitted with its opacity, so that other shapes need not explain the plate in it."""
-    thin = _with_opacity(Candidate(disc)).state
-    if thin is disc:
-        return disc
-    return minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
+def _of_light(
+    search_in: Search, fits: Fits, hypotheses: Sequence[Hypothesis], limit: TimeLimit, std: float
+) -> Hypotheses:
+    """Hypotheses about the light that was added by an object of the opacity 0 ± std."""
+    streak, plate = fits.streak, fits.plate
+    light, dark = _light_alone(fits.image, plate)
+    search = search_in(streak, light, dark)
+    search = search.with_observations(lambda one: replace(one, light_alone=True))
+    search = replace(search, bounds=(min(_MIN_SOURCE_PX, search.bounds[0]), search.bounds[1]))
+    search, one_paint, varied = _discs(search, None)
+    fits = Fits(search, light, dark, streak, tuple(one_paint), tuple(varied))
+    found = _Candidates.of(fits, hypotheses, limit).refined()
+    sweeps = tuple(
+        replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
+        for one in found.sweeps
+    )
+    return replace(found, sweeps=sweeps, plate=plate)
+
+
+def _light_alone(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
+    """The light that was added to a plate, and a black plate."""
+    meta = replace(
+        image.meta, transfer=None, transfer_assumed=False, levels=None, compression=None,
+        subsampled=False, coding=None,
+    )  # fmt: skip
+    noise, valid = image.variance + plate.variance, image.valid & plate.valid
+    black = np.zeros_like(plate.rgb)
+    return (
+        LinearImage(image.rgb - plate.rgb, noise, valid, meta),
+        LinearImage(black, black, valid, meta),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidates:
+    """Fits of hypotheses and the evidence for each."""
+
+    fits: Fits
+    candidates: list[Candidate]
+    evidence: list[Evidence]
+    untried: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        fits: Fits,
+        hypotheses: Sequence[Hypothesis],
+        limit: TimeLimit,
+        completed: Callable[[Candidate], Candidate] = lambda candidate: candidate,
+    ) -> "_Candidates":
+        """All fits from discs, each completed."""
+        untried: tuple[str, ...] = ()
+        for hypothesis in hypotheses:
+            if not hypothesis.is_worth_fitting(fits):
+                continue
+            if fits.candidates and limit.is_over:
+                untried += (hypothesis.in_words,)
+                continue
+            _LOG.info("fitting %s", hypothesis.in_words)
+            fits = fits.with_fits_of(hypothesis)
+        candidates = [completed(one) for one in fits.candidates]
+        evidence = [_evidence(fits.search.observation, one) for one in candidates]
+        return cls(fits, candidates, evidence, untried)
+
+    @property
+    def likeliest(self) -> Candidate:
+        """The one of the largest weight."""
+        return self.candidates[int(np.argmax(hypothesis_weights(self.evidence)))]
+
+    def with_opacity_std(self, std: float) -> "_Candidates":
+        """The same with an error of the opacity."""
+        candidates = [replace(one, opacity_std=std) for one in self.candidates]
+        return replace(self, candidates=candidates)
+
+    def refined(self) -> Hypotheses:
+        """Their sweeps, the likeliest first."""
+        search, image = self.fits.search, self.fits.image
+        weights = hypothesis_weights(self.evidence)
+        compared = [
+            _refined(candidate, known, image, search)
+            if weight > _MIN_REFINED_WEIGHT
+            else (sweep_of(candidate, image), known)
+            for candidate, known, weight in zip(
+                self.candidates, self.evidence, weights, strict=True
+            )
+        ]
+        order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
+        kept = _distinct([(*compared[i], self.candidates[i]) for i in order])
+        sweeps, evidences, fitted = zip(*kept, strict=True)
+        if image.meta.transfer_assumed:
+            sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
+        plate, streak = self.fits.plate, self.fits.streak
+        return Hypotheses(search.observation, sweeps, evidences, plate, streak, self.untried)
+
+
+def _seen_through(state: State, bounds: tuple[float, float]) -> State:
+    """A fit with its opacity, both as each other need: other shapes need not explain the plate in it.
+
+    The shape of a solid object is wrong for one that lets light through, and hides what it lets
+    through. So fits start from the opacity that it has if it is not solid, where the plate's texture
+    says something about that.
+    """
+    found, fitted = _opacity_of(state), state
+    if found.value == 1 and found.thin_std > _MAX_OPEN_STD:
+        return state
+    for _ in range(_MAX_ROUNDS):
+        opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
+        if abs(opacity - fitted.silhouette.opacity) < _MIN_OPACITY_STEP * found.thin_std:
+            break
+        assert isinstance(fitted.silhouette, FlatShape)
+        thin = fitted.of_kind(fitted.silhouette.with_opacity(opacity))
+        fitted = minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
+        found = _opacity_of(fitted)
+    return state if found.value == 1 else fitted
+
+
+def _opacity_of(state: State) -> Opacity:
+    """The opacity of a fit and its error; 1 ± 0 if other frames know the object, or of light alone."""
+    observation = state.observation
+    if observation.prior is not None or observation.light_alone:
+        return Opacity(1.0, 0.0)
+    found = fit_opacity(state)
+    is_open = found.value + found.std < OPAQUE or found.std > 1 - OPAQUE
+    return found if is_open else Opacity(1.0, 0.0)
 
 
 def _with_opacity(candidate: Candidate) -> Candidate:
     """The candidate with its opacity and the error of that; path and shape are the same.
 
-    Where other frames know the object, it was there all the time.
+    Its alpha has the shape of the object, so that the opacity is above 0.
     """
-    state, found = candidate.state, Opacity(1.0, 0.0)
-    if state.observation.prior is None:
-        fitted = fit_opacity(state)
-        if fitted.value + fitted.std < OPAQUE or fitted.std > 1 - OPAQUE:
-            found = fitted
-    silhouette = candidate.silhouette.with_opacity(found.value)
+    state, found = candidate.state, _opacity_of(candidate.state)
+    silhouette = candidate.silhouette.with_opacity(max(found.value, _MIN_OPACITY))
     if state.silhouette != silhouette:
         state = replace(state.of_kind(silhouette), converged=state.converged)
     return replace(candidate, state=state, opacity_std=found.std)

@@ -104,7 +104,8 @@ class Sweep:
     cast : CastShadow, optional
         The shadow that it cast on the plate, if one was fitted.
     opacity_std : float
-        Standard deviation of the opacity of the silhouette.
+        Standard deviation of the opacity of the silhouette: the part of the light behind it that it
+        hides.
     curve_covariance : (n + m, n + m) float, optional
         Of the same parameters by a transfer curve that was assumed; None if it is stated, or is part
         of `covariance`.
@@ -295,7 +296,7 @@ class Sweep:
         J = swept.by_parameters
         variance = np.einsum("hwi,hwi->hw", J @ self.covariance, J)
         if self.opacity_std > 0:
-            variance += (self.opacity_std / self.silhouette.opacity * swept.alpha) ** 2
+            variance += (self.opacity_std * self.covered_within(box)) ** 2
         left_out = self.silhouette.left_out(self.shape)
         if left_out > 0:
             wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
@@ -323,10 +324,15 @@ class Sweep:
         """Alpha (h, w) in a box (x0, y0, x1, y1) of pixels, as that of `within`."""
         return self._swept(box, self.shape).alpha
 
+    def covered_within(self, box: tuple[int, int, int, int]) -> Array:
+        """(h, w) part of the exposure during which it covers each pixel of a box (x0, y0, x1, y1)."""
+        solid = replace(self, silhouette=self.silhouette.with_opacity(1.0))
+        return solid.alpha_within(box)
+
     def rms_difference(self, other: "Sweep") -> float:
         """Root mean square difference of the alphas of two sweeps, of the larger alpha's."""
         box = enclosing([self.box, other.box])
-        a, b = (sweep._swept(box, sweep.shape).alpha for sweep in (self, other))
+        a, b = (sweep.alpha_within(box) for sweep in (self, other))
         energy = max(float((a**2).sum()), float((b**2).sum()), 1e-9)
         return float(np.sqrt(((a - b) ** 2).sum() / energy))
 
@@ -377,7 +383,7 @@ class Sweep:
         """Standard deviation of the sum of alpha within the picture, pixels."""
         swept = self._swept(self.box, self.shape)
         total = swept.by_parameters.sum(axis=(0, 1))
-        by_opacity = self.opacity_std / self.silhouette.opacity * float(swept.alpha.sum())
+        by_opacity = self.opacity_std * float(self.covered_within(self.box).sum())
         return float(np.sqrt(total @ self.covariance @ total + by_opacity**2))
 
     def _swept(self, box: tuple[int, int, int, int], shape: Array) -> SweptAlpha:

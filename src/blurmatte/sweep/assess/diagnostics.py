@@ -38,12 +38,17 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     covariance, shape = covariance[:n, :n], state.shape[: silhouette.size]
     total = state.swept.by_parameters[..., :n].sum(axis=(0, 1))
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
-    area_error = np.hypot(area_error, candidate.opacity_std / silhouette.opacity)
+    opacity_std = candidate.opacity_std
+    if silhouette.opacity < 1:
+        # What is seen through it determines the product of opacity and coverage. The color of an object
+        # that may be solid is that of a solid one.
+        opacity_std = float(np.hypot(opacity_std, silhouette.opacity * area_error))
+        area_error = opacity_std / silhouette.opacity
     model = _color_model(state, inflation, float(area_error))
     model = replace(model, to_srgb=image.meta.to_srgb, mean=np.maximum(state.mean_color, 0))
     sweep = Sweep(
         state.family, state.path, silhouette, shape, model, covariance, image.size,
-        cast=candidate.cast, opacity_std=candidate.opacity_std,
+        cast=candidate.cast, opacity_std=opacity_std,
     )  # fmt: skip
     angle = model.angle_std if model.rank < 3 else 0.0
     diagnostics = diagnosed(candidate, sweep.radius, sweep.radius_std, angle)

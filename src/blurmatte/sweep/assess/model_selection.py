@@ -60,6 +60,8 @@ def evidence_of(
     parameters: number of those that were fitted, colors apart.
     """
     weight = observation.weight
+    if observation.light_alone:
+        alpha = alpha / max(float(alpha.max()), 1e-12)
     alpha = np.where(alpha > 0.002, np.clip(alpha, 0, 1), 0)  # less is noise of alpha
     observation = observation.along_colors(alpha)
     C, B, V_C, V_B = observation.light

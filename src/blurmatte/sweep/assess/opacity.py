@@ -1,27 +1,29 @@
-"""The opacity of an object on a short path, from the plate's texture that is seen through it.
+"""The opacity of an object, from the plate's texture that is seen through it.
 
-An object that was there for the fraction f of the exposure, or that hides the fraction f of the light
-behind it, has the alpha f χ. χ is the part of that time during which it covers the pixel. The light
-α k determines the product f k alone, so that neither shape nor motion determines f. On a path
-shorter than the object there are pixels that it covers all that time. Where χ = 1,
+An object of opacity f hides the part f χ of the light behind it. χ is the part of the exposure during
+which it covers the pixel; one that was there for a part of the exposure only has this part as its
+opacity. Where it adds the light χ k,
 
-    C = f k + (1 − f) B,
+    C = (1 − f χ) B + χ k.
 
-and k changes slowly: the contrast of the plate's texture in the image is 1 − f times its contrast in
-the plate. In each of several blocks of pixels a plane is subtracted from image and plate, which leaves
-y and x. With the noise variance V of x, λ times the one that was measured,
+Shape and motion determine χ, and the light k, but before an even plate not f: k changes slowly, so
+that the texture of the plate alone shows it. In each of several blocks of pixels, χ times a plane is
+subtracted from C, u = (1 − χ) B and x = χ B. With the noise variance V of B, λ times the one that was
+measured, and the power S of the texture,
 
-    E[x y] = (1 − f) ρ S,    E[x²] = S + λ V.
+    E[x C] = ρ (χ (1 − χ) + (1 − f) χ²) S,    E[x u] = χ (1 − χ) (S + λ V),    E[x²] = χ² (S + λ V).
 
-S is the power of the texture. ρ, at most 1, is the correlation of image and plate that their sampling
-and their files leave. λ and ρ are measured around the object, where f = 0. The scatter between
-blocks is the error. With known colors (a line or plane), image and plate themselves are used along the
-axes across these colors, in which the object has no light (equation (2) of the design).
+ρ, at most 1, is the correlation of image and plate that their sampling and their files leave. λ and ρ
+are measured around the object, where χ = 0. The scatter between blocks is the error. With known
+colors (a line or plane), image and plate themselves are used along the axes across these colors, in
+which the object has no light (equation (2) of the design).
 
-The prior is a uniform density of f, and a probability for f = 1: the same for an object at rest, and
-1 / (1 + `MOVED_ODDS`) for one that moved. Colors that are physically impossible exclude values of f. A
-plate without texture leaves the prior as it is. Of one that moved, f is 1 unless the evidence against
-this is decisive, and its error is the root mean square of 1 − f.
+A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and its light k is at most f
+times that of the brightest paint. A source of light has any k, and most sources hide nothing (f = 0).
+Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
+an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. The
+error does not rest on that: it is the root mean square distance from f with even odds of solid, of
+more and of less than half of the light hidden.
 """
 
 from collections.abc import Callable
@@ -35,7 +37,6 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
-from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
 # Blocks, and the priors of noise and sampling.
@@ -49,31 +50,41 @@ _NOISE_SCALE_STD = 0.5  # of λ about 1, before it is measured
 _MISMATCH_STD = 0.05  # of 1/ρ about 1, before it is measured
 # Of λ and 1/ρ in compressed pictures: files drop weak texture, so that inside is not as around
 _COMPRESSED_STD = 0.2
+# Of λ inside of that around: noise models are not exact, and light differs
+_INSIDE_STD = 0.05
 # Of the path of an object that counts as at rest, of its radius: a flash is short
 _MAX_LENGTH = 0.5
-# Prior odds that an object that moved was there for a part of the exposure only: decisive evidence
-# makes them even
-MOVED_ODDS = float(np.exp(-DECISIVE_LOG_BAYES_FACTOR))
+_MIN_COVERED = 0.004  # of the exposure, of pixels that show the object
+# Prior odds of what is rare, a source of light or an object that lets light through, against what is
+# usual: decisive evidence makes them even
+RARE_ODDS = float(np.exp(-DECISIVE_LOG_BAYES_FACTOR))
+# Of an object that moved and lets light through against a solid one, for the error: 1 − f is then at
+# most twice the error in 95 % of such objects, also if nothing is known of f
+_OPEN_ODDS = 2.0
 
 
 @dataclass(frozen=True)
 class Opacity:
-    """Mean and standard deviation of an opacity, 0…1."""
+    """An opacity, 0…1, and its error; and both if it is known to let light through."""
 
     value: float
     std: float
+    thin: float = 1.0
+    thin_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
 class _Moments:
-    """Weighted sums over each of the n blocks, of the light x of the plate and y of the image."""
+    """Weighted sums over each of the n blocks, of the light C of the image, x and u of the plate."""
 
-    xy: Array  # (n,)
+    xC: Array  # (n,)
     xx: Array  # (n,)
-    yy: Array  # (n,)
+    xu: Array  # (n,)
+    CC: Array  # (n,)
     noise: Array  # (n,) expectation of the noise in xx
+    noise_u: Array  # (n,) and in xu
     x: Array  # (n,)
-    # Sums over all of squared weights times x² V_C, x² V and V²: parts of the variance of xy and xx
+    # Sums over all of squared weights times x² V_C, x² V and V²: parts of the variance of xC and xx
     spread: Array
 
 
@@ -120,88 +131,95 @@ def is_at_rest(state: State) -> bool:
 
 
 def fit_opacity(state: State) -> Opacity:
-    """The opacity of an object whose shape and path are those of a fit.
-
-    1 ± 0 if it covers no pixel all the time that it is there.
-    """
-    observation, at_rest = state.observation, is_at_rest(state)
-    inside = state.swept.alpha >= OPAQUE * state.silhouette.opacity
-    if not (at_rest or inside.any()):
-        return Opacity(1.0, 0.0)
-    inside &= observation.valid & (observation.weight > 0)
+    """The opacity of an object whose shape and path are those of a fit."""
+    observation = state.observation
+    chi = state.swept.alpha / state.silhouette.opacity
+    inside = (chi > _MIN_COVERED) & observation.valid & (observation.weight > 0)
     around = (observation.weight == observation.weight.max()) & observation.valid
-    around &= ~dilated((state.swept.alpha > 0) | observation.streak, BlockStatistics.margin_px)
+    around &= ~dilated((chi > 0) | observation.streak, BlockStatistics.margin_px)
     radius = state.silhouette.radius(state.shape) / observation.scale
     smallest, largest = _MIN_BLOCK_PX, _MAX_BLOCK_PX
     size = int(np.clip(radius / _BLOCKS_PER_RADIUS, smallest, largest))
-    scores = [_of_texture(observation, inside, around, size)]
+    scores = [_of_texture(observation, chi, inside, around, size)]
     if observation.color.rank < 3 and inside.any():
-        scores.append(_across(observation, inside, size))
+        scores.append(_across(observation, chi, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
-    return _posterior(known, observation, inside, 1.0 if at_rest else MOVED_ODDS)
+    return _posterior(known, _lights(observation, chi, inside), is_at_rest(state))
 
 
-def _of_texture(observation: Observation, inside: Bools, around: Bools, size: int) -> _Scores:
+def _of_texture(
+    observation: Observation, chi: Array, inside: Bools, around: Bools, size: int
+) -> _Scores:
     """Scores of the texture along the axes of the object's colors."""
     axes = slice(0, observation.color.rank)
-    behind = _moments(observation, around, size, axes, 1.0)
+    behind = _moments(observation, np.ones_like(chi), around, size, axes, 1.0)
     (scale, mismatch), covariance = _measured_around(behind)
+    covariance[0, 0] += _INSIDE_STD**2
     if observation.compression is not None:
         covariance += np.eye(2) * _COMPRESSED_STD**2
     slope = 0.5
     for _ in range(2):  # weights depend on the slope
-        own = _moments(observation, inside, size, axes, slope)
+        own = _moments(observation, chi, inside, size, axes, slope)
+        beside = (own.xu - scale * own.noise_u) / (1 + mismatch)
         d = (own.xx - scale * own.noise) / (1 + mismatch)
-        slope = float(np.clip(own.xy.sum() / max(d.sum(), 1e-12), 0, 1))
-    by = np.array([own.noise.sum(), d.sum()]) / (1 + mismatch)
-    error, (of_image, of_plate, twice) = float(by @ covariance @ by), own.spread
+        slope = float(np.clip((own.xC - beside).sum() / max(d.sum(), 1e-12), 0, 1))
+    # Derivatives of the sum of scores by λ and 1/ρ: a constant, and a part in proportion to the slope
+    by_u = np.array([own.noise_u.sum(), beside.sum()]) / (1 + mismatch)
+    by_x = np.array([own.noise.sum(), d.sum()]) / (1 + mismatch)
+    of_image, of_plate, twice = own.spread
+
+    def common(slope: Array) -> Array:
+        """By λ and 1/ρ."""
+        by = by_u + slope[:, None] * by_x
+        return np.asarray(np.einsum("mi,ij,mj->m", by, covariance, by))
+
     return _Scores(
-        own.xy,
+        own.xC - beside,
         d,
         lambda slope: of_image + slope**2 * (scale * of_plate + scale**2 * twice),
-        lambda slope: slope**2 * error,
+        common,
     )
 
 
 def _measured_around(behind: _Moments) -> tuple[Array, Array]:
-    """λ and 1/ρ − 1 (2,) where the slope is 1, and their covariance: x (x − y) = λ V + (1/ρ − 1) x y.
+    """λ and 1/ρ − 1 (2,) around the object, and their covariance: x (x − C) = λ V + (1/ρ − 1) x C.
 
     Weighted by the power of each block; the priors keep them near 1 and 0.
     """
     prior = np.array([1.0, 0.0])
     std = np.array([_NOISE_SCALE_STD, _MISMATCH_STD])
-    if len(behind.xy) < _MIN_BLOCKS:
+    if len(behind.xC) < _MIN_BLOCKS:
         return prior, np.diag(std**2)
-    odd = np.abs(behind.xx - 2 * behind.xy + behind.yy)
+    odd = np.abs(behind.xx - 2 * behind.xC + behind.CC)
     usual = odd <= _MAX_ODD_RATIO * np.median(odd)
     weight = usual / np.maximum(behind.xx + behind.noise, 1e-12)
-    A = weight[:, None] * np.stack([behind.noise, behind.xy], axis=1)
-    b = weight * (behind.xx - behind.xy) - A @ prior
+    A = weight[:, None] * np.stack([behind.noise, behind.xC], axis=1)
+    b = weight * (behind.xx - behind.xC) - A @ prior
     variance = max(float(np.mean(b**2)), 1e-12)
     covariance = np.linalg.inv(A.T @ A / variance + np.diag(std**-2))
     found = prior + covariance @ A.T @ b / variance
     return np.maximum(found, 0), covariance
 
 
-def _across(observation: Observation, inside: Bools, size: int) -> _Scores:
+def _across(observation: Observation, chi: Array, inside: Bools, size: int) -> _Scores:
     """Scores of the light across known colors, which the object has in proportion to their error."""
     axes, slope = slice(observation.color.rank, 3), 0.5
     for _ in range(2):
-        own = _moments(observation, inside, size, axes, slope, whole=True)
-        slope = float(np.clip(own.xy.sum() / max(own.xx.sum(), 1e-12), 0, 1))
-    C, B = (light[inside].mean(axis=0) for light in observation.light[:2])
+        own = _moments(observation, chi, inside, size, axes, slope, whole=True)
+        slope = float(np.clip((own.xC - own.xu).sum() / max(own.xx.sum(), 1e-12), 0, 1))
+    light, behind = _mean_lights(observation.light[:2], chi, inside)
     error = observation.color.angle_std * float(own.x.sum())
 
     def common(slope: Array) -> Array:
         """By the angle between the object's light and the known colors."""
-        light = C - slope[:, None] * B
-        return np.asarray((error * light).sum(axis=1) ** 2)
+        return np.asarray(((error * (light - slope[:, None] * behind)) ** 2).sum(axis=1))
 
-    return _Scores(own.xy, own.xx, np.ones_like, common)
+    return _Scores(own.xC - own.xu, own.xx, np.ones_like, common)
 
 
 def _moments(
     observation: Observation,
+    chi: Array,
     use: Bools,
     size: int,
     axes: slice,
@@ -210,8 +228,8 @@ def _moments(
 ) -> _Moments:
     """Moments over blocks of `size` pixels of those in use.
 
-    A plane is subtracted in each block, unless the light is used as a whole. Pixels are weighted by
-    their noise at a slope of y by x, not by their residuals: these share the noise of x.
+    χ times a plane is subtracted in each block, unless the light is used as a whole. Pixels are
+    weighted by their noise at a slope 1 − f, not by their residuals: these share the noise of x.
     """
     rows, columns = np.nonzero(use)
     _, block, count = np.unique(
@@ -220,70 +238,106 @@ def _moments(
     full = (count >= _MIN_FILLED * size**2)[block]
     rows, columns, block = rows[full], columns[full], np.unique(block[full], return_inverse=True)[1]
     C, B, V_C, V_B = (light[rows, columns][:, axes] for light in observation.light)
-    free = np.ones(len(block))
+    part = chi[rows, columns]
+    free, covered = np.ones(len(block)), part[:, None]
+    x, u = covered * B, (1 - covered) * B
     if not whole and len(block):
-        at = np.stack([np.ones(len(block)), rows % size, columns % size], axis=1).astype(float)
-        (C, B), free = _without_planes((C, B), at, block)
-    w = 1 / (V_C + slope**2 * V_B)
+        at = np.stack([part, part * (rows % size), part * (columns % size)], axis=1)
+        (C, x, u), free = _without_planes((C, x, u), at, block)
+    w = 1 / (V_C + (1 - (1 - slope) * covered) ** 2 * V_B)
 
     def sums(values: Array) -> Array:
         """Over the pixels of each block and the axes."""
         return np.asarray(np.bincount(block, (w * values).sum(axis=1)), float)
 
-    noise = free[:, None] * V_B
-    spread = [float(np.sum(w**2 * v)) for v in (B**2 * V_C, B**2 * noise, noise**2)]
-    return _Moments(sums(C * B), sums(B * B), sums(C * C), sums(noise), sums(B), np.array(spread))
+    V = free[:, None] * V_B
+    noise, noise_u = covered**2 * V, covered * (1 - covered) * V
+    spread = [float(np.sum(w**2 * v)) for v in (x**2 * V_C, x**2 * noise, noise**2)]
+    products = x * C, x * x, x * u, C * C, noise, noise_u, x
+    xC, xx, xu, CC, noise, noise_u, x = map(sums, products)
+    return _Moments(xC, xx, xu, CC, noise, noise_u, x, np.array(spread))
 
 
 def _without_planes(
-    values: tuple[Array, Array], at: Array, block: npt.NDArray[np.int64]
-) -> tuple[tuple[Array, Array], Array]:
-    """Values (n, axes) less the plane of each block; the part (n,) of white noise that remains.
+    values: tuple[Array, ...], at: Array, block: npt.NDArray[np.int64]
+) -> tuple[tuple[Array, ...], Array]:
+    """Values (n, axes) less the best sum of `at` (n, 3) in each block; the part of noise that remains.
 
-    at (n, 3): 1, and coordinates in the block.
+    at: χ times 1, and times coordinates in the block.
     """
     count = int(block.max()) + 1
-    M = np.zeros((count, 3, 3))
-    np.add.at(M, block, at[:, :, None] * at[:, None, :])
-    inverse = np.linalg.pinv(M, hermitian=True)[block]
+    products = (at[:, i] * at[:, j] for i in range(3) for j in range(3))
+    M = np.stack([np.bincount(block, one, count) for one in products], axis=1)
+    inverse = np.linalg.pinv(M.reshape(count, 3, 3), hermitian=True)
     left = []
     for light in values:
-        right = np.zeros((count, 3, light.shape[1]))
-        np.add.at(right, block, at[:, :, None] * light[:, None, :])
-        plane = np.einsum("nij,nja->nia", inverse, right[block])
+        right = [[np.bincount(block, at[:, i] * one, count) for one in light.T] for i in range(3)]
+        plane = np.einsum("bij,jab->bia", inverse, np.array(right))[block]
         left.append(light - np.einsum("ni,nia->na", at, plane))
-    free = 1 - np.einsum("ni,nij,nj->n", at, inverse, at)
-    return (left[0], left[1]), free
+    free = 1 - np.einsum("ni,nij,nj->n", at, inverse[block], at)
+    return tuple(left), free
 
 
-def _posterior(
-    scores: list[_Scores], observation: Observation, inside: Bools, odds: float
-) -> Opacity:
-    """Mean and standard deviation under the prior of the module; odds: of f < 1 against f = 1."""
-    values = [np.linspace(0.001, 1, 400)]
+@dataclass(frozen=True, eq=False)
+class _Lights:
+    """Mean light of the object that belongs to an opacity, over the part of the time it is there."""
+
+    alone: Array | None  # (3,) f = 0; None if no pixel shows it
+    behind: Array  # (3,) of the plate: what f = 1 adds
+
+    def possible(self, f: Array) -> tuple[Bools, Bools]:
+        """(n,) whether light of a surface, and of a source, is possible at an opacity."""
+        if self.alone is None:
+            return np.ones(len(f), bool), np.ones(len(f), bool)
+        light = self.alone + f[:, None] * self.behind
+        brightest = light.max(axis=1)
+        lit = (light.min(axis=1) >= MIN_LIGHT * brightest) & (brightest > 0)
+        return np.asarray(lit & (brightest <= MAX_LIGHT * f)), np.asarray(lit)
+
+
+def _lights(observation: Observation, chi: Array, inside: Bools) -> _Lights:
+    """In linear RGB."""
+    if not inside.any():
+        return _Lights(None, np.zeros(3))
+    light, behind = _mean_lights((observation.C, observation.B), chi, inside)
+    return _Lights(light - behind, behind)
+
+
+def _mean_lights(pictures: tuple[Array, Array], chi: Array, inside: Bools) -> tuple[Array, Array]:
+    """(3,) light of an object of f = 1, and of the plate, weighted by χ²."""
+    part = chi[inside][:, None]
+    C, B = (picture[inside] for picture in pictures)
+    total = float((part**2).sum())
+    behind = (part**2 * B).sum(axis=0) / total
+    return np.asarray((part * (C - (1 - part) * B)).sum(axis=0) / total), np.asarray(behind)
+
+
+def _posterior(scores: list[_Scores], lights: _Lights, at_rest: bool) -> Opacity:
+    """Opacity and its error under the prior of the module."""
+    values = [np.linspace(0, 1, 401)]
     for one in scores:
         peak, std = one.peak
-        values.append(np.clip(peak + std * np.linspace(-8, 8, 161), 0.001, 1))
+        values.append(np.clip(peak + std * np.linspace(-8, 8, 161), 0, 1))
     f = np.unique(np.concatenate(values))
     log = np.sum([one.log_likelihood(f) for one in scores], axis=0) + np.zeros(len(f))
-    possible = _possible(f, observation, inside)
-    log = np.where(possible | (not possible.any()), log, -np.inf)
-    density = np.exp(log - log.max())
-    mass = np.append(odds * density * np.gradient(f), density[-1])
-    mass /= mass.sum()
-    f = np.append(f, 1.0)
-    mean = float(mass @ f)
-    if odds < 1 and mass[-1] > 0.5:
-        mean = 1.0
-    return Opacity(mean, float(np.sqrt(mass @ (f - mean) ** 2)))
+    surface, source = lights.possible(f)
+    if not source.any():
+        surface, source = np.ones((2, len(f)), bool)
+    likelihood = np.exp(log - log[source].max())
+    solid, dark = likelihood[-1] * surface[-1], likelihood[0] * RARE_ODDS * source[0]
+    thin = likelihood * np.gradient(f) * np.where(surface, 1, RARE_ODDS * source)
+    at, odds = np.array([0.0, *f, 1.0]), 1.0 if at_rest else RARE_ODDS
+    mass = np.array([dark, *(odds * thin), solid])
+    value = float(mass @ at / mass.sum())
+    if not at_rest and mass[-1] > mass.sum() / 2:
+        value = 1.0
+    elif mass[0] > mass.sum() / 2:
+        value = 0.0
+    mass = np.array([dark, *((1.0 if at_rest else _OPEN_ODDS) * thin), solid])
+    mean = float(thin @ f / thin.sum())
+    return Opacity(value, _rms_from(value, at, mass), mean, _rms_from(mean, f, thin))
 
 
-def _possible(f: Array, observation: Observation, inside: Bools) -> Bools:
-    """(n,) whether the mean color that belongs to an opacity is physically possible."""
-    if not inside.any():
-        return np.ones(len(f), bool)
-    C, B = (light[inside].mean(axis=0) for light in (observation.C, observation.B))
-    light = (C - (1 - f)[:, None] * B) / f[:, None]
-    brightest = light.max(axis=1)
-    lit = light.min(axis=1) >= MIN_LIGHT * brightest
-    return np.asarray(lit & (brightest > 0) & (brightest <= MAX_LIGHT))
+def _rms_from(value: float, at: Array, mass: Array) -> float:
+    """Root mean square distance from a value of masses (n,) at places (n,)."""
+    return float(np.sqrt(mass @ (at - value) ** 2 / mass.sum()))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
@@ -16,7 +17,7 @@ from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.state import State
 
 # Limits of a sweep that is physically possible.
-MAX_LIGHT = 1.2  # mean light of the object, where the sensor's white is 1
+MAX_LIGHT = 1.2  # mean light of a surface, where the sensor's white is 1
 # Of a channel, of the brightest one; noise may make a dark channel negative
 MIN_LIGHT = -0.1
 _MIN_VISIBLE_FRACTION = 0.5  # of the total alpha, on valid pixels
@@ -29,7 +30,8 @@ def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     """Score above the best, units of log likelihood, and state; sorted, the best first.
 
     Inadmissible states are dropped if there are others. The time of a kink counts as two parameters,
-    for noise favors one of many times [Yao 1988].
+    for noise favors one of many times [Yao 1988]. A source of light is a rare explanation: it must be
+    decisively likelier.
     """
     admissible = [state for state in states if not rejection(state)] or list(states)
     likeliest = min(admissible, key=lambda state: state.cost)
@@ -37,10 +39,16 @@ def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     scores = [
         (state.cost - likeliest.cost) / inflation
         + bic_penalty(state.observation, state.size + (state.family.kink(state.path) is not None))
+        + DECISIVE_LOG_BAYES_FACTOR * is_source(state)
         for state in admissible
     ]
     order = sorted(range(len(scores)), key=scores.__getitem__)
     return [(scores[i] - scores[order[0]], admissible[i]) for i in order]
+
+
+def is_source(state: State) -> bool:
+    """Whether it has more light than a surface could reflect."""
+    return float(state.mean_color.max()) > MAX_LIGHT and not state.observation.light_alone
 
 
 def best_of(states: Sequence[State]) -> State:
@@ -63,8 +71,6 @@ def rms_difference(one: State, other: State) -> float:
 def rejection(state: State) -> str:
     """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
     light = state.mean_color
-    if light.max() > MAX_LIGHT:
-        return "needs more light than white"
     if light.min() < MIN_LIGHT * light.max():
         return "needs negative light"
     if not inside_mask(state):
@@ -125,5 +131,6 @@ class Candidate:
 
     @property
     def parameters(self) -> int:
-        """Number of parameters of path, shape and shadow."""
-        return self.state.size + (CastShadow.size if self.cast is not None else 0)
+        """Number of parameters of path, shape, opacity and shadow."""
+        seen_through = self.silhouette.opacity < 1
+        return self.state.size + seen_through + (CastShadow.size if self.cast is not None else 0)

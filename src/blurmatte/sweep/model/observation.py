@@ -50,6 +50,8 @@ class Observation(PixelBox):
     compression: Compression | None = None
     prior: MotionPrior | None = None  # of the object, from other frames
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
+    # The image is the light that an object added, before a black plate: the scale of alpha is arbitrary
+    light_alone: bool = False
 
     @property
     def pitch(self) -> float:
@@ -83,6 +85,8 @@ class Observation(PixelBox):
 
     def along_colors(self, alpha: Array) -> "Observation":
         """The same with axes along mean color and largest spread of this alpha, if none are known."""
+        if self.light_alone:
+            alpha = alpha / max(float(alpha.max()), 1e-12)
         shown = alpha > 0.02  # fainter pixels do not show the color
         weight, covered = self.weight[shown], alpha[shown]
         total = float((weight * covered**2).sum())

@@ -116,18 +116,20 @@ class FlatShape(Shape):
     A member is a frozen dataclass, whose fields are saved with a sweep under its `kind`, and checked
     by their types when they are read. Sizes and outlines are those in the middle of the exposure.
 
-    An opaque object at rest that was there for a part of the exposure has this part as its opacity.
+    Alpha is the opacity times the part of the exposure during which the shape covers a pixel. An opaque
+    object at rest that was there for a part of the exposure has this part as its opacity; one that
+    only adds light has 0.
 
-    Raises ValueError if the opacity is not above 0 and at most 1.
+    Raises ValueError if the opacity is not from 0 to 1.
     """
 
     kind: ClassVar[str]  #: its name in files
 
-    opacity: float = 1.0  # above 0, at most 1
+    opacity: float = 1.0  # from 0 to 1
 
     def __post_init__(self) -> None:
-        if not 0 < self.opacity <= 1:
-            raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
+        if not 0 <= self.opacity <= 1:
+            raise ValueError(f"opacity must be from 0 to 1, got {self.opacity}")
 
     @abstractmethod
     def opaque(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
