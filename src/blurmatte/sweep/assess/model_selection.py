@@ -34,8 +34,8 @@ from blurmatte.sweep.sweep import Sweep
 # fitted to the noise of the same pixels; calibrated on rendered scenes.
 OPTIMISM = 0.3
 
-# Power of the weights that makes them probabilities: with it the mean probability of the likeliest
-# hypothesis is the fraction of pictures of two renderers in which its alpha is the nearest to the truth.
+# Power of the weights that makes them probabilities: with it the mean probability of the likeliest is
+# the fraction of pictures of two renderers in which its alpha is the nearest to the truth.
 _POWER = 0.02
 
 
