@@ -8,7 +8,7 @@ The shift of a plate is part of its match (`alignment`), in one likelihood with 
 step is enough.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -28,10 +28,14 @@ _MAX_SHIFT_STD_PX = 0.1  # of a tile that determines its shift
 _MAX_RESIDUAL_RATIO = 0.8  # of the differences with and without a shift
 
 
+class CameraMotionError(PlateError):
+    """Frames that do not show one scene from one place."""
+
+
 def check_static_camera(
     gray_of: Callable[[int], Floats], variance: float, names: Sequence[str]
 ) -> None:
-    """Raise PlateError, naming frames and shift, if most of the picture moves between frames.
+    """Raise CameraMotionError, naming frames and shift, if most of the picture moves between frames.
 
     gray_of: mean (H, W) of the channels of a frame, from its number on, at a common exposure.
     variance: of the noise of a frame, averaged over the channels, light².
@@ -46,7 +50,7 @@ def check_static_camera(
         if (moved := _moved(a, b, variance)) > worst:
             worst, at = moved, k
     if worst > 0:
-        raise PlateError(
+        raise CameraMotionError(
             f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
             "a plate needs a static camera; give a part of the clip without camera motion "
             "(--frames), or stabilize it"
@@ -55,14 +59,33 @@ def check_static_camera(
 
 def _moved(a: Floats, b: Floats, variance: float) -> float:
     """Shift between two pictures, pixels; 0 if it is tolerable."""
-    cell = -(-max(a.shape) // _MAX_TILE_PX)
-    whole = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
-    if whole is not None and max(map(abs, whole)) > 1:  # too far for tiles
-        return float(cell * np.hypot(*whole))
+    whole, cell = shift_between(a, b, variance)
+    if whole is not None and max(map(abs, whole)) > cell:  # too far for tiles
+        return float(np.hypot(*whole))
     shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
     lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
     moved = [length for length in lengths if length > _MAX_SHIFT_PX]
     return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
+
+
+def shift_between(a: Floats, b: Floats, variance: float) -> tuple[tuple[float, float] | None, int]:
+    """(x, y) shift of the whole of b against a, pixels, None if they do not determine it; its cell.
+
+    The pictures are compared as means over cells of so many pixels.
+    """
+    cell = -(-max(a.shape) // _MAX_TILE_PX)
+    shift = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
+    return None if shift is None else (cell * shift[0], cell * shift[1]), cell
+
+
+def tile_shifts(
+    a: Floats, b: Floats, variance: float, side: int
+) -> Iterator[tuple[tuple[slice, slice], tuple[float, float] | None]]:
+    """Rows and columns of square tiles, and the shift of b against a there; None if undetermined."""
+    for y in range(0, a.shape[0] - side + 1, side):
+        for x in range(0, a.shape[1] - side + 1, side):
+            tile = np.s_[y : y + side, x : x + side]
+            yield tile, _shift(a[tile], b[tile], variance)
 
 
 def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
