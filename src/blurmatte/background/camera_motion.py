@@ -15,6 +15,7 @@ import scipy
 
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
+from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.statistics import MAD_TO_STD, cell_means
 
 # Frames and tiles that are compared, and the shift that is tolerated.
@@ -25,6 +26,7 @@ _MAX_TILE_PX = 256
 _MIN_OVERLAP_PX = 16  # of a shifted tile
 _MAX_SHIFT_PX = 0.5  # blur of the mean's edges that is acceptable
 _MAX_SHIFT_STD_PX = 0.1  # of a tile that determines its shift
+_MIN_VARIANCE = 1e-7  # of a frame without code values, light²
 _MAX_RESIDUAL_RATIO = 0.8  # of the differences with and without a shift
 
 
@@ -55,6 +57,24 @@ def check_static_camera(
             "a plate needs a static camera; give a part of the clip without camera motion "
             "(--frames), or stabilize it"
         )
+
+
+def looks_alike(plate: LinearImage, frames: Sequence[LinearImage]) -> bool:
+    """Whether some frames of a clip look where a plate of their size does."""
+    few = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).astype(int))
+    a = plate.rgb.mean(axis=-1)
+    for frame in (frames[int(k)] for k in few):
+        b = frame.rgb.mean(axis=-1)
+        gain = float(np.median(b)) / max(float(np.median(a)), 1e-6)
+        if _moved(gain * a, b, gray_variance(frame)) > 0:
+            return False
+    return True
+
+
+def gray_variance(frame: LinearImage) -> float:
+    """Variance by rounding of the mean of a frame's channels, light²: the least that it may have."""
+    light = np.median(frame.rgb.reshape(-1, 3)[::7], axis=0)
+    return max(float(rounding_noise(frame).variance(light).sum()) / 9, _MIN_VARIANCE)
 
 
 def _moved(a: Floats, b: Floats, variance: float) -> float:

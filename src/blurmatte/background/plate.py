@@ -174,6 +174,10 @@ def _made(frames: Iterable[LinearImage], against_scene: bool, registered: bool =
     del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
     file = _CodeError(next(iter(frames)).meta, coding, noise)
+    if isinstance(frames, FramesOnCanvas):
+        modes = replace(modes, light=sums.mean(modes))
+        frames = replace(frames, plate=modes.light, gains=sums.gain)
+        sums = sum_frames(frames, modes, count, sums.gain)
     return _plate_fit(_estimates(sums, modes, file), sums.gain)
 
 
@@ -241,7 +245,7 @@ def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -
     known = (free > _MAJORITY * count) | (rival <= _MAX_RIVAL_RATIO * close)
     known &= free >= np.maximum(_MIN_FREE_FRACTION * count, _MIN_FREE_FRAMES)
     valid = known & (clipped <= _MAX_CLIPPED_FRACTION * free)
-    rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
+    rgb = sums.mean(modes)
     noise, windows = np.empty_like(modes.light), _Windows.of(sums, known)
     shared = None if file.coding is None else np.empty_like(modes.light)
     of_frame = None if file.noise is None else file.noise.variance(np.maximum(rgb, 0))

@@ -23,7 +23,7 @@ from blurmatte.background.alignment import (
     residual_and_image_std,
     residuals_and_slopes,
 )
-from blurmatte.background.camera_motion import shift_between
+from blurmatte.background.camera_motion import gray_variance, shift_between
 from blurmatte.background.robust_mean_kernel import UNSEEN
 from blurmatte.background.warp import (
     Grid,
@@ -36,7 +36,7 @@ from blurmatte.background.warp import (
 )
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, rounding_noise
+from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import cell_means
 
 _HOMOGRAPHY = GEOMETRIES.index(tuple(range(8))), LIGHTS.index((0,))  # and a gain per channel
@@ -74,12 +74,15 @@ class CameraPath:
         Why a frame is not; "" if it is.
     canvas : Grid
         All that the frames show, in pixels of the reference frame.
+    reference : int or None
+        Index of that frame; None if a plate was given.
     """
 
     size: tuple[int, int]
     views: tuple[Warp | None, ...]
     reasons: tuple[str, ...]
     canvas: Grid
+    reference: int | None = None
 
     @property
     def lens(self) -> float:
@@ -107,7 +110,9 @@ class CameraPath:
         """That of a frame; PlateError, with the reason, if it has none."""
         view = self.views[k]
         if view is None:
-            raise PlateError(self.reasons[k])
+            raise PlateError(
+                f"the camera moved, and the frame is not registered: {self.reasons[k]}"
+            )
         return view
 
     def to_canvas(self, k: int, xy: Array) -> Array:
@@ -145,13 +150,15 @@ def seen_through(how: Warp, plate: LinearImage) -> LinearImage:
     return LinearImage(rgb, noise, valid, plate.meta)
 
 
-def register_frames(frames: Sequence[LinearImage]) -> CameraPath:
+def register_frames(frames: Sequence[LinearImage], plate: LinearImage | None = None) -> CameraPath:
     """Register the frames of a clip, or of a burst, whose camera moves, to the one in the middle.
 
     Parameters
     ----------
     frames : sequence of LinearImage
         Of one size.
+    plate : LinearImage, optional
+        Of that size, or of a canvas that is larger: frames are registered to it, and it is the canvas.
 
     Returns
     -------
@@ -163,9 +170,9 @@ def register_frames(frames: Sequence[LinearImage]) -> CameraPath:
         If less than half of the frames can be registered.
     """
     cell = int(np.ceil(np.sqrt(np.prod(frames[0].size) / _MAX_PIXELS)))
-    path = _registered(frames, cell, 0.0)
-    if len(path.registered) < _MIN_REGISTERED * len(frames):
-        raise PlateError(_too_few(path))
+    if plate is not None:
+        return _checked(_registered_to(plate, frames, cell))
+    path = _checked(_registered(frames, cell, 0.0))
     lens, std = _lens(frames, path, cell)
     corner = float(np.hypot(*frames[0].size)) / 2
     if abs(lens) > _MIN_LENS_STD * std and abs(lens) * corner > _MIN_LENS_PX:
@@ -177,9 +184,12 @@ def register_frames(frames: Sequence[LinearImage]) -> CameraPath:
     return path
 
 
-def _too_few(path: CameraPath) -> str:
+def _checked(path: CameraPath) -> CameraPath:
+    """The path; PlateError if it is that of less than half of the frames."""
+    if len(path.registered) >= _MIN_REGISTERED * len(path.views):
+        return path
     (first, why), *_ = path.unregistered
-    return (
+    raise PlateError(
         f"the camera moves, and only {len(path.registered)} of {len(path.views)} frames show one "
         f"scene from one place: frame {first}: {why}; give a part of the clip (--frames)"
     )
@@ -196,11 +206,18 @@ class FramesOnCanvas(Sequence[LinearImage]):
     path : CameraPath
     numbers : sequence of int
         Indices of those that these are, rising.
+    plate : (H, W, 3) float, optional
+        On the canvas. What frames differ from it by is interpolated instead of their own light, which
+        loses less of fine structure: back-projection [Irani and Peleg 1991].
+    gains : sequence of (3,) float, optional
+        Light of these frames over that of the plate.
     """
 
     frames: Sequence[LinearImage]
     path: CameraPath
     numbers: Sequence[int]
+    plate: Floats | None = None
+    gains: Sequence[Floats] = ()
 
     @classmethod
     def of(cls, frames: Sequence[LinearImage], path: CameraPath, most: int) -> FramesOnCanvas:
@@ -212,10 +229,10 @@ class FramesOnCanvas(Sequence[LinearImage]):
         return len(self.numbers)
 
     def __iter__(self) -> Iterator[LinearImage]:
-        wanted = set(self.numbers)
+        places = {k: place for place, k in enumerate(self.numbers)}
         for k, frame in enumerate(self.frames):  # files are decoded in order
-            if k in wanted:
-                yield self.path.on_canvas(k, frame)
+            if k in places:
+                yield self._shown(places[k], frame)
 
     @overload
     def __getitem__(self, which: int) -> LinearImage: ...
@@ -224,9 +241,17 @@ class FramesOnCanvas(Sequence[LinearImage]):
 
     def __getitem__(self, which: int | slice) -> LinearImage | FramesOnCanvas:
         if isinstance(which, slice):
-            return replace(self, numbers=self.numbers[which])
-        k = self.numbers[which]
-        return self.path.on_canvas(k, self.frames[k])
+            return replace(self, numbers=self.numbers[which], gains=self.gains[which])
+        return self._shown(which, self.frames[self.numbers[which]])
+
+    def _shown(self, place: int, frame: LinearImage) -> LinearImage:
+        k = self.numbers[place]
+        if self.plate is None:
+            return self.path.on_canvas(k, frame)
+        expected = self.plate * self.gains[place].astype(np.float32)
+        rest = frame.rgb - warped(expected, replace(self.path.view(k), source=self.path.canvas))
+        shown = self.path.on_canvas(k, replace(frame, rgb=rest.astype(np.float32)))
+        return replace(shown, rgb=np.where(shown.rgb == UNSEEN, UNSEEN, shown.rgb + expected))
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,14 +306,35 @@ def _registered(frames: Sequence[LinearImage], cell: int, lens: float) -> Camera
         if _count(best) >= _MIN_REGISTERED * len(frames):
             break
     known = [k for k, one in enumerate(best) if isinstance(one, Warp)]
-    middle = best[min(known, key=lambda k: abs(k - len(frames) // 2))]
+    reference = min(known, key=lambda k: abs(k - len(frames) // 2))
+    middle = best[reference]
     assert isinstance(middle, Warp)
     back = inverse(middle.h)
     views = tuple(
         Warp(composed(one.h, back), size, lens) if isinstance(one, Warp) else None for one in best
     )
     reasons = tuple(one if isinstance(one, str) else "" for one in best)
-    return CameraPath(size, views, reasons, _canvas_of(views, size, cell))
+    return CameraPath(size, views, reasons, _canvas_of(views, size, cell), reference)
+
+
+def _registered_to(plate: LinearImage, frames: Sequence[LinearImage], cell: int) -> CameraPath:
+    """The frames on a plate, the middle of which is where a reference frame would look."""
+    size = frames[0].size
+    x, y = (-((P - w) // 2 // cell) * cell for P, w in zip(plate.size, size, strict=True))
+    small, first = _cells(plate, cell), _cells(frames[0], cell)
+    grid = Grid(small.size, (x // cell, y // cell))
+    mosaic = _Mosaic.of_plate(small, grid, first)
+    found = [mosaic.add(_cells(frame, cell)) for frame in frames]
+    views = tuple(Warp(one.h, size) if isinstance(one, Warp) else None for one in found)
+    reasons = tuple(one if isinstance(one, str) else "" for one in found)
+    return CameraPath(size, views, reasons, Grid(plate.size, (x, y)))
+
+
+def show_one_scene(a: LinearImage, b: LinearImage) -> bool:
+    """Whether a frame can be registered to the one before."""
+    cell = int(np.ceil(np.sqrt(np.prod(a.size) / _MAX_PIXELS)))
+    mosaic = _Mosaic.begun(_cells(a, cell), 0.0)
+    return isinstance(mosaic.add(_cells(b, cell)), Warp)
 
 
 def _count(found: Sequence[Warp | str]) -> int:
@@ -342,17 +388,23 @@ class _Mosaic:
     gray: Floats
     variance: float
     first_gray: Floats
+    grows: bool = True
 
     @classmethod
     def begun(cls, frame: LinearImage, lens: float) -> _Mosaic:
         """Of one frame."""
-        gray = frame.rgb.mean(axis=-1)
-        variance = float(rounding_noise(frame).variance(np.full(3, np.median(gray))).sum()) / 9
-        view = Warp(np.zeros(8), frame.size, lens)
-        grid = Grid(frame.size)
-        valid = frame.valid.copy()
-        rgb = frame.rgb.astype(np.float32)
-        return cls(rgb, valid, grid, frame.size, lens, view, gray, max(variance, 1e-7), gray)
+        gray, view = frame.rgb.mean(axis=-1), Warp(np.zeros(8), frame.size, lens)
+        rgb, valid = frame.rgb.astype(np.float32), frame.valid.copy()
+        variance = gray_variance(frame)
+        return cls(rgb, valid, Grid(frame.size), frame.size, lens, view, gray, variance, gray)
+
+    @classmethod
+    def of_plate(cls, plate: LinearImage, grid: Grid, frame: LinearImage) -> _Mosaic:
+        """Of a plate, which stays as it is, for frames like this one."""
+        view = Warp(np.zeros(8), frame.size)
+        gray = seen_through(replace(view, source=grid), plate).rgb.mean(axis=-1)
+        known = plate.rgb.astype(np.float32), plate.valid, grid, frame.size
+        return cls(*known, 0.0, view, gray, gray_variance(frame), gray, grows=False)
 
     def jump_back(self) -> None:
         """Go on next to the first frame."""
@@ -397,6 +449,8 @@ class _Mosaic:
 
     def _pasted(self, frame: LinearImage, view: Warp, gain: Array) -> str:
         """Add what a frame shows first; why it cannot be."""
+        if not self.grows:
+            return ""
         needed = _canvas_of([view], self.size, 1)
         corners = [
             np.array([grid.origin, np.add(grid.origin, grid.size)]) for grid in (needed, self.grid)

@@ -156,6 +156,10 @@ class Sums:
         counts = np.zeros((*shape[:2], 6), np.int32)
         return cls(total, squares, batch_squares, products, batch_counts, counts, batch, [])
 
+    def mean(self, modes: Modes) -> Floats:
+        """(H, W, 3) of the free frames of each pixel."""
+        return modes.light + self.total / np.maximum(self.counts[..., 1:2], 1)
+
     def close_batch(self) -> None:
         """End the current batch and begin another."""
         kernel.close_batch(

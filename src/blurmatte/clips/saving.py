@@ -23,6 +23,7 @@ from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_ma
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
+from blurmatte.explain.calibration import camera_in_words
 from blurmatte.figures import Matte, draw_clip
 from blurmatte.files import Frames, read_layer, require_parquet, write
 from blurmatte.files.clip_decoding import video_library
@@ -256,8 +257,6 @@ def _shot(
     run: ClipRun, folder: Path, number: int, shot: ClipShot, work: _Work, workers: Workers
 ) -> Iterator[FrameSightings | FrameRecord]:
     """Measure and solve the frames of a shot that are not done."""
-    if shot.moving:
-        raise MotionError("give a part in which the camera stands still, or stabilize the clip")
     finished = [one for one in work.manifest.finished if one.shot == number]
     seen = [one.seen for one in finished if one.seen is not None]
     done = {
@@ -281,6 +280,7 @@ def _shot(
     before = max((row.track or 0 for row in work.rows), default=0)
     work.rows += [replace(row, track=row.track and row.track + before) for row in found.rows]
     work.plates.append(found.plate)
+    work.problems += camera_in_words(found.camera, clip.numbers)
     how = folder.absolute(), number, run.file_extension, run.several, run.complete
     outcomes = solved(found, workers, run.solver, lambda solver: LayerWriter(solver, *how))
     for wanted, outcome in outcomes:
