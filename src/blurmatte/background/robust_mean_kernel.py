@@ -143,7 +143,7 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
     x, y, z = np.zeros(most, np.float32), np.zeros(most, np.float32), np.zeros(most, np.float32)
     far = np.empty(most, np.bool_)
     for i in range(samples.shape[1]):
-        count = 0
+        count, x[0], y[0], z[0] = 0, _ZERO, _ZERO, _ZERO  # the light of pixels that no frame shows
         for k in range(most):
             if samples[k, i, 0] >= MIN_SEEN:
                 x[count], y[count], z[count] = samples[k, i, 0], samples[k, i, 1], samples[k, i, 2]
