@@ -1,5 +1,6 @@
 """The plate: made of many frames, and matched to the moment of an image."""
 
+from blurmatte.background.burst import burst_plate as burst_plate
 from blurmatte.background.camera_motion import CameraMotionError as CameraMotionError
 from blurmatte.background.camera_motion import looks_alike as looks_alike
 from blurmatte.background.fit_match import Matching as Matching

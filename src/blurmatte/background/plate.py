@@ -154,6 +154,23 @@ def plate_on_canvas(
     return replace(fit, camera=path)
 
 
+def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> LinearImage:
+    """The plate of an image from two or more other shots that were matched to it.
+
+    The image decides where shots differ, but its light is no part of the mean.
+    """
+    samples = take_samples([*shots, image], registered=True)
+    modes = find_modes(samples, find_restlessness(samples), slice(0, image.size[1]))
+    sums = sum_frames(shots, modes, len(shots), [np.ones(3)] * len(shots))
+    file = _CodeError(shots[0].meta, None, samples.noise)
+    light, noise, _, _, _ = _estimates(sums, modes, file)
+    _, free, clipped, *_ = np.moveaxis(sums.counts, -1, 0)
+    noise[free == 1] *= 2  # the mean of one
+    valid = (modes.near >= _MIN_FREE_FRAMES) & (free > 0) & (clipped == 0)
+    meta = replace(shots[0].meta, source=f"plate of {len(shots)} shots", compression=None)
+    return LinearImage(light, noise, valid, meta)
+
+
 def _made(frames: Iterable[LinearImage], against_scene: bool, registered: bool = False) -> PlateFit:
     """As `make_plate`."""
     if iter(frames) is frames:
