@@ -13,7 +13,8 @@ import numpy as np
 import scipy
 
 from blurmatte.background.camera_motion import CameraMotionError, check_static_camera
-from blurmatte.background.registration import CameraPath, FramesOnCanvas, register_frames
+from blurmatte.background.parallax import camera_path
+from blurmatte.background.registration import CameraPath, FramesOnCanvas, show_one_scene
 from blurmatte.background.robust_mean import (
     Modes,
     Sums,
@@ -37,7 +38,6 @@ from blurmatte.radiometry import (
 # Pixels whose plate is known, and averages over neighbors for their variance.
 _MIN_FREE_FRACTION = 0.15  # of the frames
 _MIN_FREE_FRAMES = 2
-_MIN_UNCUT = 0.9  # of the frames, registered: what looked like a cut was motion of the camera
 MAX_ON_CANVAS = 60  # frames of a moving camera of which a plate is made
 _MAJORITY = 0.55  # of the frames: such a mode is the plate; a rarer one needs
 _MAX_RIVAL_RATIO = 0.35  # its rival to be rarer still: it may be an object at rest
@@ -118,7 +118,7 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     except (CameraMotionError, CutError) as error:
         if not isinstance(frames, Sequence):
             raise
-        path = camera_path(frames, error)
+        path = camera_path_after(frames, error)
     return plate_on_canvas(frames, path)
 
 
@@ -130,20 +130,27 @@ def plate_for_clip(frames: Iterable[LinearImage]) -> LinearImage:
     return _made(frames, against_scene=False).plate
 
 
-def camera_path(frames: Sequence[LinearImage], error: PlateError) -> CameraPath:
+def camera_path_after(frames: Sequence[LinearImage], error: PlateError) -> CameraPath:
     """Where the frames look that do not show one scene from one place, as an error says.
 
     Raises the error if it was a cut.
     """
     try:
-        path = register_frames(frames)
+        path = camera_path(frames)
     except PlateError:
         if isinstance(error, CutError):
             raise error from None
         raise
-    if isinstance(error, CutError) and len(path.registered) < _MIN_UNCUT * len(frames):
+    if isinstance(error, CutError) and _shows_another_scene(frames, path):
         raise error
     return path
+
+
+def _shows_another_scene(frames: Sequence[LinearImage], path: CameraPath) -> bool:
+    """Whether frames that are not registered belong to a shot of their own."""
+    bad = [k for k, _ in path.unregistered]
+    runs = [k for k in bad if {k + 1, k + 2} <= set(bad)]  # as long as a shot
+    return any(show_one_scene(frames[k], frames[k + 2]) for k in runs)
 
 
 def plate_on_canvas(

@@ -34,7 +34,7 @@ from blurmatte.background.warp import (
     warped_linearly,
     warped_mask,
 )
-from blurmatte.checks import Array, Bools, Floats
+from blurmatte.checks import Array, Bools, Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import cell_means
@@ -60,6 +60,25 @@ _MIN_LENS_PX = 0.1  # and the displacement at the corners of a picture
 _MAX_LENS = 0.3
 
 
+@dataclass(frozen=True)
+class ParallaxRegion:
+    """A part of the scene at another depth than the rest.
+
+    Parameters
+    ----------
+    box : (x0, y0, x1, y1)
+        Pixels of the picture or of the canvas.
+    shift : float
+        Median of its displacement, pixels.
+    """
+
+    box: Box
+    shift: float
+
+    def __str__(self) -> str:
+        return f"{','.join(map(str, self.box))} (by {self.shift:.1f} pixels)"
+
+
 @dataclass(frozen=True, eq=False)
 class CameraPath:
     """Where each frame of a moving camera looks.
@@ -76,6 +95,8 @@ class CameraPath:
         All that the frames show, in pixels of the reference frame.
     reference : int or None
         Index of that frame; None if a plate was given.
+    parallax : tuple of ParallaxRegion
+        Parts of the canvas at another depth than the rest.
     """
 
     size: tuple[int, int]
@@ -83,6 +104,7 @@ class CameraPath:
     reasons: tuple[str, ...]
     canvas: Grid
     reference: int | None = None
+    parallax: tuple[ParallaxRegion, ...] = ()
 
     @property
     def lens(self) -> float:
@@ -288,7 +310,8 @@ def _refusal(fit: _Fit, size: tuple[int, int]) -> str:
     if fit.overlap < _MIN_OVERLAP:
         return f"it shows only {fit.overlap:.0%} of what the frames before show"
     if fit.residual > max(_MAX_RELATIVE_RESIDUAL * fit.image_std, _MAX_RESIDUAL * fit.light):
-        return f"it shows another scene: after the best match it differs by {fit.residual:.2f} of white"
+        rest = fit.residual / max(fit.image_std, 1e-9)
+        return f"it does not look like the frames before: {rest:.0%} of its contrast are not theirs"
     std = np.sqrt(np.diag(fit.alignment.covariance)[[2, 5]]) * max(size) / 2
     if not np.all(std < _MAX_SHIFT_STD_PX):
         return f"it has too little texture: its place is known to {std.max():.1f} px only"

@@ -108,15 +108,22 @@ def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Clip
     return _without_flashes(shots)
 
 
-def joined_shots(shots: Iterable[ClipShot], same_scene: Callable[[int], bool]) -> list[ClipShot]:
+def joined_shots(
+    shots: Iterable[ClipShot], same_scene: Callable[[int, int], bool]
+) -> list[ClipShot]:
     """The shots without cuts that were motions of the camera.
 
-    same_scene: whether the frame with an index, and the one before, can be registered to one another.
+    same_scene: whether two frames, by their indices, can be registered to one another. The last frames
+    of a shot may be flashes, or dropped.
     """
     joined: list[ClipShot] = []
     for shot in shots:
+        begun = joined[-1].start if joined else shot.start
         still = joined and (joined[-1].is_still or shot.is_still)
-        if joined and shot.begins_with == "cut" and not still and same_scene(shot.start):
+        first = shot.start
+        before = range(first - 1, max(first - 1 - _MIN_SHOT_FRAMES, begun - 1), -1)
+        cut = shot.begins_with == "cut" and not still
+        if cut and any(same_scene(k, first) for k in before):
             joined[-1] = replace(joined[-1], stop=shot.stop, moving=True)
         else:
             joined.append(shot)

@@ -182,6 +182,7 @@ class _OneOfRow:
 
 def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
     """Solve one image and write its results; what is printed of them."""
+    from blurmatte.explain.calibration import parallax_in_words
     from blurmatte.explain.grade import doubts
     from blurmatte.explain.solution import usable_all_the_same
 
@@ -206,11 +207,26 @@ def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[st
         for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
             said.append(f"{path}: {doubt.rstrip('.')}")
             warn(said[-1])
+        regions = _parallax(C, matched, match, solution)
+        for sentence in parallax_in_words(regions):
+            said.append(f"{path}: {sentence.rstrip('.')}")
+            warn(said[-1])
         log.info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
+        bm.results.save_parallax(folder, C, regions)
     *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, match, folder)]
     return [*lines, *usable_all_the_same(C, matched, solution), sheet], solution
+
+
+def _parallax(
+    image: bm.LinearImage,
+    plate: bm.LinearImage,
+    match: bm.background.Match,
+    solution: bm.Solution,
+) -> list[bm.background.ParallaxRegion]:
+    """Where the plate of a camera that moved is shifted against an image, but for the streak."""
+    return bm.background.parallax_between(image, plate, solution.streak) if match.moves else []
 
 
 @command(

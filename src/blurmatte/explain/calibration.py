@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from blurmatte.background import CameraPath, PlateFit
+from blurmatte.background import CameraPath, ParallaxRegion, PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.explain.numbers import channels
 from blurmatte.radiometry import SRGB, Transfer, nearest_transfer
@@ -84,8 +84,20 @@ def camera_in_words(camera: CameraPath | None, numbers: Sequence[int]) -> list[s
     ]
     if camera.lens:
         said.append(f"The lens bends straight lines: its term is {camera.lens:+.3f}.")
+    said += parallax_in_words(camera.parallax)
     return said + [
         f"Frame {numbers[k]} is not registered: {why}." for k, why in camera.unregistered
+    ]
+
+
+def parallax_in_words(regions: Sequence[ParallaxRegion]) -> list[str]:
+    """A sentence about the parts of a scene at another depth, if there are any."""
+    if not regions:
+        return []
+    named = "; ".join(map(str, regions[:3])) + (" …" if len(regions) > 3 else "")
+    return [
+        f"Parallax: the camera moved in space, and the plate is shifted at {named} against the rest; "
+        "do not use alpha there, or turn the camera about its lens."
     ]
 
 

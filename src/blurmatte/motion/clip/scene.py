@@ -14,11 +14,11 @@ from blurmatte.background import (
     CameraPath,
     CutError,
     camera_path,
+    camera_path_after,
     looks_alike,
     max_coded_samples,
     plate_for_clip,
     plate_on_canvas,
-    register_frames,
 )
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, Floats, check_map, rows_columns
@@ -227,7 +227,7 @@ def clip_plate(frames: Sequence[LinearImage]) -> tuple[LinearImage, CameraPath |
     try:
         plate = plate_for_clip(frames[:: -(-len(frames) // most) or 1])
     except (CameraMotionError, CutError) as error:
-        camera = camera_path(frames, error)
+        camera = camera_path_after(frames, error)
         plate = plate_on_canvas(frames, camera, most).plate
     trim_memory()  # of the frames
     return plate, camera
@@ -237,9 +237,9 @@ def path_before(plate: LinearImage, frames: Sequence[LinearImage]) -> CameraPath
     """Where the frames look on a plate that was given; None if they all look where it does."""
     size = frames[0].size
     if size == plate.size:
-        return None if looks_alike(plate, frames) else register_frames(frames, plate)
+        return None if looks_alike(plate, frames) else camera_path(frames, plate)
     larger = all(w <= P for P, w in zip(plate.size, size, strict=True))
-    return register_frames(frames, plate) if larger else None
+    return camera_path(frames, plate) if larger else None
 
 
 def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> StaticScene:

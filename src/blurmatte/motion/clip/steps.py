@@ -180,7 +180,7 @@ def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[ClipShot]:
     step = next(coded_frames(frames, slice(0, 1))).step
     parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
     shots = find_shots((one for part in parts for one in part), step)
-    return joined_shots(shots, lambda k: show_one_scene(frames[k - 1], frames[k]))
+    return joined_shots(shots, lambda a, b: show_one_scene(frames[a], frames[b]))
 
 
 def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail | None]:
