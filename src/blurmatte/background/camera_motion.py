@@ -26,6 +26,7 @@ _MAX_TILE_PX = 256
 _MIN_OVERLAP_PX = 16  # of a shifted tile
 _MAX_SHIFT_PX = 0.5  # blur of the mean's edges that is acceptable
 _MAX_SHIFT_STD_PX = 0.1  # of a tile that determines its shift
+_PEAKS = 4  # of the correlation of two frames: what moves has one, too
 _MIN_VARIANCE = 1e-7  # of a frame without code values, light²
 _MAX_RESIDUAL_RATIO = 0.8  # of the differences with and without a shift
 
@@ -54,8 +55,7 @@ def check_static_camera(
     if worst > 0:
         raise CameraMotionError(
             f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
-            "a plate needs a static camera; give a part of the clip without camera motion "
-            "(--frames), or stabilize it"
+            "frames of a moving camera are registered if they are a list or those of read_frames"
         )
 
 
@@ -98,6 +98,13 @@ def shift_between(a: Floats, b: Floats, variance: float) -> tuple[tuple[float, f
     return None if shift is None else (cell * shift[0], cell * shift[1]), cell
 
 
+def likely_shifts(a: Floats, b: Floats) -> list[tuple[float, float]]:
+    """(x, y) shifts of the whole of b against a, pixels, that may be the camera's."""
+    cell = -(-max(a.shape) // _MAX_TILE_PX)
+    peaks = _integer_shifts(cell_means(a, cell), cell_means(b, cell), _PEAKS)
+    return list(dict.fromkeys([*((cell * x, cell * y) for x, y in peaks), (0.0, 0.0)]))
+
+
 def tile_shifts(
     a: Floats, b: Floats, variance: float, side: int
 ) -> Iterator[tuple[tuple[slice, slice], tuple[float, float] | None]]:
@@ -123,7 +130,7 @@ def _shift(a: Floats, b: Floats, variance: float) -> tuple[float, float] | None:
     """(x, y) shift of b against a, pixels; None if the tile does not determine it."""
     best, determined = (0.0, 0.0), False
     least = _MAX_RESIDUAL_RATIO * _difference(_smooth(a) - _smooth(b))
-    for x, y in dict.fromkeys([_integer_shift(a, b), (0, 0)]):
+    for x, y in dict.fromkeys([*_integer_shifts(a, b, 1), (0, 0)]):
         overlap = _overlap(a, b, x, y)
         if min(overlap[0].shape) < _MIN_OVERLAP_PX:
             continue
@@ -143,14 +150,18 @@ def _smooth(tile: Floats) -> Floats:
     return np.asarray(scipy.ndimage.gaussian_filter(tile, 1))
 
 
-def _integer_shift(a: Floats, b: Floats) -> tuple[int, int]:
+def _integer_shifts(a: Floats, b: Floats, count: int) -> Iterator[tuple[int, int]]:
+    """The shifts of the highest peaks, which are not next to one another."""
     window = np.outer(np.hanning(a.shape[0]), np.hanning(a.shape[1]))
     spectra = [scipy.fft.rfft2((tile - tile.mean()) * window) for tile in (a, b)]
     cross = np.conj(spectra[0]) * spectra[1]
     peaks = scipy.fft.irfft2(cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-30), a.shape)
-    y, x = np.unravel_index(int(np.argmax(peaks)), a.shape)
     height, width = a.shape
-    return int(x - width * (x > width // 2)), int(y - height * (y > height // 2))
+    for _ in range(count):
+        y, x = map(int, np.unravel_index(int(np.argmax(peaks)), a.shape))
+        yield x - width * (x > width // 2), y - height * (y > height // 2)
+        near = np.arange(-1, 2)
+        peaks[np.ix_((y + near) % height, (x + near) % width)] = -np.inf
 
 
 def _overlap(a: Floats, b: Floats, x: int, y: int) -> tuple[Floats, Floats]:

@@ -23,7 +23,7 @@ from blurmatte.background.robust_mean import (
     gains_of_samples,
     sum_frames,
 )
-from blurmatte.background.samples import CutError, Samples, take_samples
+from blurmatte.background.samples import CutError, Samples, frame_name, take_samples
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import (
@@ -141,16 +141,22 @@ def camera_path_after(frames: Sequence[LinearImage], error: PlateError) -> Camer
         if isinstance(error, CutError):
             raise error from None
         raise
-    if isinstance(error, CutError) and _shows_another_scene(frames, path):
-        raise error
+    if isinstance(error, CutError):
+        _check_one_scene(frames, path)
     return path
 
 
-def _shows_another_scene(frames: Sequence[LinearImage], path: CameraPath) -> bool:
-    """Whether frames that are not registered belong to a shot of their own."""
-    bad = [k for k, _ in path.unregistered]
-    runs = [k for k in bad if {k + 1, k + 2} <= set(bad)]  # as long as a shot
-    return any(show_one_scene(frames[k], frames[k + 2]) for k in runs)
+def _check_one_scene(frames: Sequence[LinearImage], path: CameraPath) -> None:
+    """Raise CutError if frames that are not registered are a shot of their own."""
+    bad = {k for k, _ in path.unregistered}
+    for k in sorted(bad):
+        if {k + 1, k + 2} <= bad and show_one_scene(frames[k], frames[k + 2]):
+            at = k or next(iter(path.registered))  # the first of another shot
+            a, b = (frame_name(frames[n], n) for n in (at - 1, at))
+            raise CutError(
+                f"the scene is cut between {a} and {b}: they cannot be registered to one another; give "
+                "the part before or after it (--frames)"
+            )
 
 
 def plate_on_canvas(
@@ -172,7 +178,8 @@ def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> LinearIm
     file = _CodeError(shots[0].meta, None, samples.noise)
     light, noise, _, _, _ = _estimates(sums, modes, file)
     _, free, clipped, *_ = np.moveaxis(sums.counts, -1, 0)
-    noise[free == 1] *= 2  # the mean of one
+    alone = free < _MIN_FREE_FRAMES  # nothing is compared there
+    noise[alone] = modes.variance[alone]
     valid = (modes.near >= _MIN_FREE_FRAMES) & (free > 0) & (clipped == 0)
     meta = replace(shots[0].meta, source=f"plate of {len(shots)} shots", compression=None)
     return LinearImage(light, noise, valid, meta)

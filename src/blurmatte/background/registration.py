@@ -20,10 +20,9 @@ from blurmatte.background.alignment import (
     Alignment,
     fit_level,
     levels,
-    residual_and_image_std,
     residuals_and_slopes,
 )
-from blurmatte.background.camera_motion import gray_variance, shift_between
+from blurmatte.background.camera_motion import likely_shifts
 from blurmatte.background.robust_mean_kernel import UNSEEN
 from blurmatte.background.warp import (
     Grid,
@@ -37,7 +36,7 @@ from blurmatte.background.warp import (
 from blurmatte.checks import Array, Bools, Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import cell_means
+from blurmatte.statistics import MAD_TO_STD, cell_means
 
 _HOMOGRAPHY = GEOMETRIES.index(tuple(range(8))), LIGHTS.index((0,))  # and a gain per channel
 _SHIFT = GEOMETRIES.index((2, 5)), LIGHTS.index((0,))
@@ -45,8 +44,8 @@ _SHIFT = GEOMETRIES.index((2, 5)), LIGHTS.index((0,))
 # When a frame is registered.
 _MAX_PIXELS = 5e5  # that are compared; larger frames are averaged over cells
 _MIN_OVERLAP = 0.3  # of a frame with the canvas
-_MAX_RELATIVE_RESIDUAL = 0.5  # std over that of the frame: another scene leaves more,
-_MAX_RESIDUAL = 0.1  # and more than this part of the median light
+_GOOD_RESIDUAL = 0.015  # of the same: no other prediction is tried
+_MAX_RELATIVE_RESIDUAL = 0.5  # of most points over the std of the frame: another scene leaves more
 _MAX_SHIFT_STD_PX = 0.5  # with more, the frame has too little texture
 _MAX_CANVAS_RATIO = 16.0  # of its area to that of a frame
 _MIN_REGISTERED = 0.5  # of the frames; with fewer, it is no clip of one scene
@@ -284,7 +283,6 @@ class _Fit:
     overlap: float
     residual: float
     image_std: float
-    light: float
 
     @property
     def h(self) -> Array:
@@ -298,18 +296,21 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _Fit:
     fine, start = pyramid[0], pyramid[0].identity
     for level in reversed(pyramid[1:] if coarse else []):
         start = fit_level(level, start, _SHIFT)
-        start = fit_level(level, start, _HOMOGRAPHY)
+        bent = fit_level(level, start, _HOMOGRAPHY)
+        start = bent if bent.scale < start.scale else start
     fit = fit_level(fine, start, _HOMOGRAPHY)
-    residual, image_std = residual_and_image_std(fine, fit)
-    overlap = float(seen.valid.mean())
-    return _Fit(fit, overlap, residual, image_std, float(np.median(image.rgb)))
+    inside = np.isfinite(fit.residuals)
+    rest = np.abs(fit.residuals * fine.sigma)[inside]
+    residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
+    C = fine.C[fine.xy[:, 1], fine.xy[:, 0]]
+    return _Fit(fit, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
 
 
 def _refusal(fit: _Fit, size: tuple[int, int]) -> str:
     """Why a fit does not register a frame; "" if it does."""
     if fit.overlap < _MIN_OVERLAP:
         return f"it shows only {fit.overlap:.0%} of what the frames before show"
-    if fit.residual > max(_MAX_RELATIVE_RESIDUAL * fit.image_std, _MAX_RESIDUAL * fit.light):
+    if fit.residual > _MAX_RELATIVE_RESIDUAL * fit.image_std:
         rest = fit.residual / max(fit.image_std, 1e-9)
         return f"it does not look like the frames before: {rest:.0%} of its contrast are not theirs"
     std = np.sqrt(np.diag(fit.alignment.covariance)[[2, 5]]) * max(size) / 2
@@ -409,7 +410,6 @@ class _Mosaic:
     lens: float
     view: Warp  # of the last frame that was registered, and its gray picture
     gray: Floats
-    variance: float
     first_gray: Floats
     grows: bool = True
 
@@ -418,8 +418,7 @@ class _Mosaic:
         """Of one frame."""
         gray, view = frame.rgb.mean(axis=-1), Warp(np.zeros(8), frame.size, lens)
         rgb, valid = frame.rgb.astype(np.float32), frame.valid.copy()
-        variance = gray_variance(frame)
-        return cls(rgb, valid, Grid(frame.size), frame.size, lens, view, gray, variance, gray)
+        return cls(rgb, valid, Grid(frame.size), frame.size, lens, view, gray, gray)
 
     @classmethod
     def of_plate(cls, plate: LinearImage, grid: Grid, frame: LinearImage) -> _Mosaic:
@@ -427,7 +426,7 @@ class _Mosaic:
         view = Warp(np.zeros(8), frame.size)
         gray = seen_through(replace(view, source=grid), plate).rgb.mean(axis=-1)
         known = plate.rgb.astype(np.float32), plate.valid, grid, frame.size
-        return cls(*known, 0.0, view, gray, gray_variance(frame), gray, grows=False)
+        return cls(*known, 0.0, view, gray, gray, grows=False)
 
     def jump_back(self) -> None:
         """Go on next to the first frame."""
@@ -437,34 +436,38 @@ class _Mosaic:
         """Register a frame, and add what it shows first; or why it is not registered."""
         if frame.size != self.size:
             return f"it has another size, {frame.size[0]}x{frame.size[1]}"
-        gray, why = frame.rgb.mean(axis=-1), ""
+        gray, why, best = frame.rgb.mean(axis=-1), "", None
         for start in self._predictions(gray):
             seen = self._seen(start)
             if seen.valid.mean() < _MIN_OVERLAP:
                 why = why or f"it shows only {seen.valid.mean():.0%} of what the frames before show"
                 continue
             fit = _fit(frame, seen)
-            why = _refusal(fit, frame.size)
-            if not why:
-                view = replace(start, h=composed(fit.h, start.h))
-                if self.lens:  # the fit knows no lens
-                    again = _fit(frame, self._seen(view), coarse=False)
-                    view = replace(view, h=composed(again.h, view.h))
-                why = self._pasted(frame, view, fit.alignment.light[0])
-            if not why:
-                self.view, self.gray = view, gray
-                return view
-        return why
+            reason = _refusal(fit, frame.size)
+            why = why or reason
+            if not reason and (best is None or fit.residual < best[1].residual):
+                best = start, fit
+            if best is not None and best[1].residual < _GOOD_RESIDUAL * best[1].image_std:
+                break
+        return why if best is None else self._with(frame, gray, *best)
+
+    def _with(self, frame: LinearImage, gray: Floats, start: Warp, fit: _Fit) -> Warp | str:
+        """The view of a frame that was fitted, and is added; or why it cannot be."""
+        view = replace(start, h=composed(fit.h, start.h))
+        if self.lens:  # the fit knows no lens
+            again = _fit(frame, self._seen(view), coarse=False)
+            view = replace(view, h=composed(again.h, view.h))
+        if why := self._pasted(frame, view, fit.alignment.light[0]):
+            return why
+        self.view, self.gray = view, gray
+        return view
 
     def _predictions(self, gray: Floats) -> Iterator[Warp]:
         """Likely views of the next frame, the likeliest first."""
         half = max(self.size) / 2
-        shift, _ = shift_between(self.gray, gray, self.variance)
-        if shift is not None:
-            h = np.array([0, 0, -shift[0] / half, 0, 0, -shift[1] / half, 0, 0])
+        for x, y in likely_shifts(self.gray, gray):
+            h = np.array([0, 0, -x / half, 0, 0, -y / half, 0, 0])
             yield replace(self.view, h=composed(h, self.view.h))
-        if shift != (0.0, 0.0):
-            yield self.view
 
     def _seen(self, view: Warp) -> LinearImage:
         how = replace(view, source=self.grid)
