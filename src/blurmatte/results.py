@@ -19,12 +19,18 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.background import PlateFit
+from blurmatte.background import ParallaxRegion, PlateFit
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.compositing import Exposures
 from blurmatte.explain.explain import explain
 from blurmatte.explain.grade import alpha_peak
-from blurmatte.figures import draw_exposures, draw_overview, draw_plate, sure_pixels
+from blurmatte.figures import (
+    draw_exposures,
+    draw_overview,
+    draw_parallax,
+    draw_plate,
+    sure_pixels,
+)
 from blurmatte.files import write_together
 from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.layer import Layer
@@ -93,6 +99,35 @@ def save_results(
         "report.json": _report(image, plate, solution, command, warnings),
     }
     return write_together(folder, results)
+
+
+def save_parallax(
+    folder: str | Path, picture: LinearImage, regions: Sequence[ParallaxRegion]
+) -> list[Path]:
+    """Write parallax.png, a picture of where a scene has another depth; without any, remove it.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Of the results.
+    picture : LinearImage
+    regions : sequence of ParallaxRegion
+        In its pixels.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    FileError
+        If it cannot be written.
+    """
+    if regions:
+        return write_together(folder, {"parallax.png": draw_parallax(picture, regions)})
+    (Path(folder) / "parallax.png").unlink(missing_ok=True)
+    return []
 
 
 def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:

@@ -10,13 +10,22 @@ rendered scenes test them.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, check_map
+
+_STEP_PX = 0.5  # of a numerical derivative
+
+
+def derivative(points: Callable[[Array], Array], at: Array) -> Array:
+    """(2, 2) derivative of a function of points (n, 2), pixels, at one (2,)."""
+    steps = _STEP_PX * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    right, left, down, up = points(at + steps)
+    return np.column_stack([right - left, down - up]) / (2 * _STEP_PX)
 
 
 @dataclass(frozen=True, eq=False)

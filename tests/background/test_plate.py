@@ -233,33 +233,40 @@ def test_memory_does_not_depend_on_length(scene):
     assert most[300] <= most[100] <= 5
 
 
-def test_rejects_moving_camera_with_shift():
-    # door
+def test_camera_that_drifts_gives_a_plate_of_all_that_it_shows():
+    # exact
     wide = (0.1 + 0.7 * colorful_plate((140, 100), 4, tile=9)).astype(np.float32)
     frames = [noisy(wide[4 : 4 + 80, i // 5 : i // 5 + 120], 0.003, i) for i in range(30)]
+    fit = make_plate(images(frames))
+    x, y = (
+        fit.camera.canvas.origin
+    )  # of the canvas in the frame in the middle, which begins at x = 3
+    known = fit.plate.valid[-y : 80 - y, -x - 3 : 122 - x]
+    shown = fit.plate.rgb[-y : 80 - y, -x - 3 : 122 - x]
+    assert known[4:-4, 4:-4].mean() > 0.98
+    assert np.std((shown - wide[4:84, :125])[known]) < 0.005
+
+
+def test_cut_is_named_and_pan_is_not_one():
+    # door
+    wide = (0.1 + 0.7 * colorful_plate((400, 100), 4, tile=15)).astype(np.float32)
+    frames = [noisy(wide[:100, 20 * i : 20 * i + 240], 0.003, i) for i in range(8)]
+    assert make_plate(images(frames)).camera.reach == pytest.approx(80, abs=0.1)
+    other = (0.1 + 0.7 * colorful_plate((240, 100), 5, tile=11)).astype(np.float32)
+    cut = [*frames[:4], *(noisy(other, 0.003, i) for i in range(4))]
+    with pytest.raises(PlateError, match="the scene is cut between frame 3 and frame 4"):
+        make_plate(images(cut))
+
+
+def test_frames_of_a_moving_camera_that_come_but_once_are_refused():
+    # door
+    wide = (0.1 + 0.7 * colorful_plate((140, 100), 4, tile=9)).astype(np.float32)
+
+    def frame(i):
+        return noisy(wide[4 : 4 + 80, i // 5 : i // 5 + 120], 0.003, i)
+
     with pytest.raises(PlateError, match=r"the camera moved: by 3\.\d pixels between frame 0 and"):
-        make_plate(images(frames))
-
-
-def test_rejects_far_pan():
-    # door
-    wide = (0.1 + 0.7 * colorful_plate((800, 200), 4, tile=15)).astype(np.float32)
-    frames = [noisy(wide[:200, 20 * i : 20 * i + 500], 0.003, i) for i in range(9)]
-    with pytest.raises(PlateError, match=r"the camera moved: by (79|8\d)\.\d pixels"):
-        make_plate(images(frames))
-
-
-def test_rejects_rotating_camera():
-    # door
-    from scipy.ndimage import rotate
-
-    wide = 0.1 + 0.7 * colorful_plate((420, 320), 4, tile=25)
-    frames = [
-        rotate(wide, angle, reshape=False, order=1)[10:310, 10:410]
-        for angle in np.linspace(0, 1, 5)
-    ]
-    with pytest.raises(PlateError, match="the camera moved"):
-        make_plate(images(frames))
+        make_plate(Streamed(frame, 30))
 
 
 def test_accepts_jitter_of_a_fifth_of_a_pixel():

@@ -117,7 +117,9 @@ class Alignment:
     def covariance(self) -> Array:
         """(k, k) of the free parameters: h first, then the free rows of light, channel by channel."""
         free = list(GEOMETRIES[self.model[0]])
-        residuals, slopes = _compare(self.level, self.h, self.light, free, list(self.rows))
+        residuals, slopes = residuals_and_slopes(
+            self.level, self.h, self.light, free, list(self.rows)
+        )
         k, m = len(free), len(self.rows)
         of_all = np.zeros((*residuals.shape, k + 3 * m))
         of_all[..., :k] = slopes[..., :k]
@@ -203,7 +205,7 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
     prior = np.eye(len(free) + 3 * len(rows)) / _PARAMETER_STD**2
     inliers = np.ones((len(level.xy), 3), bool)
     for left in range(15, -1, -1):  # steps
-        residuals, slopes = _compare(level, h, light, free, rows)
+        residuals, slopes = residuals_and_slopes(level, h, light, free, rows)
         normal, gradient = _equations(residuals, slopes, len(rows), inliers)
         now = np.concatenate([h[free], (light[rows] - identity).T.ravel()])
         step = np.linalg.solve(normal + prior, -gradient - prior @ now)
@@ -219,7 +221,9 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
 def first_step(level: ComparedPair) -> tuple[Array, Array, float]:
     """First step of the largest model from the identity: h, light, and the log likelihood gained."""
     rows = list(LIGHTS[-1])
-    residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
+    residuals, slopes = residuals_and_slopes(
+        level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows
+    )
     normal, gradient = _equations(residuals, slopes, len(rows), np.True_)
     step = -np.linalg.solve(normal + np.eye(len(normal)) / _PARAMETER_STD**2, gradient)
     h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, len(rows)).T)
@@ -278,7 +282,7 @@ def _weights(residuals: Array, scale: float) -> Array:
     return inside * student_weight(r**2, _DEGREES_OF_FREEDOM, 1)
 
 
-def _compare(
+def residuals_and_slopes(
     level: ComparedPair, h: Array, light: Array, free: list[int], rows: list[int]
 ) -> tuple[Array, Array]:
     """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free.
@@ -321,7 +325,7 @@ def log_likelihood_gains(small: Alignment, large: Alignment) -> Array:
 
 def gain_score(level: ComparedPair, fit: Alignment) -> tuple[Array, Array]:
     """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
-    residuals, slopes = _compare(level, fit.h, fit.light, [], [0])
+    residuals, slopes = residuals_and_slopes(level, fit.h, fit.light, [], [0])
     scale = max(quartile_scale(residuals), _MIN_SCALE)
     weight = _weights(residuals, scale) / scale**2
     B = slopes[..., 0]

@@ -8,13 +8,14 @@ The shift of a plate is part of its match (`alignment`), in one likelihood with 
 step is enough.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 import scipy
 
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
+from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.statistics import MAD_TO_STD, cell_means
 
 # Frames and tiles that are compared, and the shift that is tolerated.
@@ -25,13 +26,19 @@ _MAX_TILE_PX = 256
 _MIN_OVERLAP_PX = 16  # of a shifted tile
 _MAX_SHIFT_PX = 0.5  # blur of the mean's edges that is acceptable
 _MAX_SHIFT_STD_PX = 0.1  # of a tile that determines its shift
+_PEAKS = 4  # of the correlation of two frames: what moves has one, too
+_MIN_VARIANCE = 1e-7  # of a frame without code values, light²
 _MAX_RESIDUAL_RATIO = 0.8  # of the differences with and without a shift
+
+
+class CameraMotionError(PlateError):
+    """Frames that do not show one scene from one place."""
 
 
 def check_static_camera(
     gray_of: Callable[[int], Floats], variance: float, names: Sequence[str]
 ) -> None:
-    """Raise PlateError, naming frames and shift, if most of the picture moves between frames.
+    """Raise CameraMotionError, naming frames and shift, if most of the picture moves between frames.
 
     gray_of: mean (H, W) of the channels of a frame, from its number on, at a common exposure.
     variance: of the noise of a frame, averaged over the channels, light².
@@ -46,23 +53,66 @@ def check_static_camera(
         if (moved := _moved(a, b, variance)) > worst:
             worst, at = moved, k
     if worst > 0:
-        raise PlateError(
+        raise CameraMotionError(
             f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
-            "a plate needs a static camera; give a part of the clip without camera motion "
-            "(--frames), or stabilize it"
+            "frames of a moving camera are registered if they are a list or those of read_frames"
         )
+
+
+def looks_alike(plate: LinearImage, frames: Sequence[LinearImage]) -> bool:
+    """Whether some frames of a clip look where a plate of their size does."""
+    few = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).astype(int))
+    a = plate.rgb.mean(axis=-1)
+    for frame in (frames[int(k)] for k in few):
+        b = frame.rgb.mean(axis=-1)
+        gain = float(np.median(b)) / max(float(np.median(a)), 1e-6)
+        if _moved(gain * a, b, gray_variance(frame)) > 0:
+            return False
+    return True
+
+
+def gray_variance(frame: LinearImage) -> float:
+    """Variance by rounding of the mean of a frame's channels, light²: the least that it may have."""
+    light = np.median(frame.rgb.reshape(-1, 3)[::7], axis=0)
+    return max(float(rounding_noise(frame).variance(light).sum()) / 9, _MIN_VARIANCE)
 
 
 def _moved(a: Floats, b: Floats, variance: float) -> float:
     """Shift between two pictures, pixels; 0 if it is tolerable."""
-    cell = -(-max(a.shape) // _MAX_TILE_PX)
-    whole = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
-    if whole is not None and max(map(abs, whole)) > 1:  # too far for tiles
-        return float(cell * np.hypot(*whole))
+    whole, cell = shift_between(a, b, variance)
+    if whole is not None and max(map(abs, whole)) > cell:  # too far for tiles
+        return float(np.hypot(*whole))
     shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
     lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
     moved = [length for length in lengths if length > _MAX_SHIFT_PX]
     return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
+
+
+def shift_between(a: Floats, b: Floats, variance: float) -> tuple[tuple[float, float] | None, int]:
+    """(x, y) shift of the whole of b against a, pixels, None if they do not determine it; its cell.
+
+    The pictures are compared as means over cells of so many pixels.
+    """
+    cell = -(-max(a.shape) // _MAX_TILE_PX)
+    shift = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
+    return None if shift is None else (cell * shift[0], cell * shift[1]), cell
+
+
+def likely_shifts(a: Floats, b: Floats) -> list[tuple[float, float]]:
+    """(x, y) shifts of the whole of b against a, pixels, that may be the camera's."""
+    cell = -(-max(a.shape) // _MAX_TILE_PX)
+    peaks = _integer_shifts(cell_means(a, cell), cell_means(b, cell), _PEAKS)
+    return list(dict.fromkeys([*((cell * x, cell * y) for x, y in peaks), (0.0, 0.0)]))
+
+
+def tile_shifts(
+    a: Floats, b: Floats, variance: float, side: int
+) -> Iterator[tuple[tuple[slice, slice], tuple[float, float] | None]]:
+    """Rows and columns of square tiles, and the shift of b against a there; None if undetermined."""
+    for y in range(0, a.shape[0] - side + 1, side):
+        for x in range(0, a.shape[1] - side + 1, side):
+            tile = np.s_[y : y + side, x : x + side]
+            yield tile, _shift(a[tile], b[tile], variance)
 
 
 def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
@@ -80,7 +130,7 @@ def _shift(a: Floats, b: Floats, variance: float) -> tuple[float, float] | None:
     """(x, y) shift of b against a, pixels; None if the tile does not determine it."""
     best, determined = (0.0, 0.0), False
     least = _MAX_RESIDUAL_RATIO * _difference(_smooth(a) - _smooth(b))
-    for x, y in dict.fromkeys([_integer_shift(a, b), (0, 0)]):
+    for x, y in dict.fromkeys([*_integer_shifts(a, b, 1), (0, 0)]):
         overlap = _overlap(a, b, x, y)
         if min(overlap[0].shape) < _MIN_OVERLAP_PX:
             continue
@@ -100,14 +150,18 @@ def _smooth(tile: Floats) -> Floats:
     return np.asarray(scipy.ndimage.gaussian_filter(tile, 1))
 
 
-def _integer_shift(a: Floats, b: Floats) -> tuple[int, int]:
+def _integer_shifts(a: Floats, b: Floats, count: int) -> Iterator[tuple[int, int]]:
+    """The shifts of the highest peaks, which are not next to one another."""
     window = np.outer(np.hanning(a.shape[0]), np.hanning(a.shape[1]))
     spectra = [scipy.fft.rfft2((tile - tile.mean()) * window) for tile in (a, b)]
     cross = np.conj(spectra[0]) * spectra[1]
     peaks = scipy.fft.irfft2(cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-30), a.shape)
-    y, x = np.unravel_index(int(np.argmax(peaks)), a.shape)
     height, width = a.shape
-    return int(x - width * (x > width // 2)), int(y - height * (y > height // 2))
+    for _ in range(count):
+        y, x = map(int, np.unravel_index(int(np.argmax(peaks)), a.shape))
+        yield x - width * (x > width // 2), y - height * (y > height // 2)
+        near = np.arange(-1, 2)
+        peaks[np.ix_((y + near) % height, (x + near) % width)] = -np.inf
 
 
 def _overlap(a: Floats, b: Floats, x: int, y: int) -> tuple[Floats, Floats]:

@@ -7,12 +7,14 @@ of one frame and n the number of frames in which a pixel was free.
 
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from blurmatte.background.camera_motion import check_static_camera
+from blurmatte.background.camera_motion import CameraMotionError, check_static_camera
+from blurmatte.background.parallax import camera_path
+from blurmatte.background.registration import CameraPath, FramesOnCanvas, show_one_scene
 from blurmatte.background.robust_mean import (
     Modes,
     Sums,
@@ -21,14 +23,22 @@ from blurmatte.background.robust_mean import (
     gains_of_samples,
     sum_frames,
 )
-from blurmatte.background.samples import Samples, take_samples
+from blurmatte.background.samples import CutError, Samples, frame_name, take_samples
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LINEAR, CodingError, LinearImage, Meta, rounding_variance
+from blurmatte.radiometry import (
+    LINEAR,
+    CodingError,
+    LinearImage,
+    Meta,
+    NoiseModel,
+    rounding_variance,
+)
 
 # Pixels whose plate is known, and averages over neighbors for their variance.
 _MIN_FREE_FRACTION = 0.15  # of the frames
 _MIN_FREE_FRAMES = 2
+MAX_ON_CANVAS = 60  # frames of a moving camera of which a plate is made
 _MAJORITY = 0.55  # of the frames: such a mode is the plate; a rarer one needs
 _MAX_RIVAL_RATIO = 0.35  # its rival to be rarer still: it may be an object at rest
 _MAX_CLIPPED_FRACTION = 0.01  # of the free frames; with more, the mean is too dark
@@ -61,18 +71,23 @@ class PlateFit:
     coverage: Floats
     gain: Floats
     coding_variance: Floats | None = None
+    camera: CameraPath | None = None
 
     def __repr__(self) -> str:
         return f"PlateFit({self.plate!r}, {len(self.gain)} frames)"
 
 
 def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
-    """Make the plate from frames of a static camera, without the objects that move in front of it.
+    """Make the plate from frames of one scene, without the objects that move in front of it.
 
     The plate of a pixel is its most frequent light, seen in at least 15 % of the frames and clearly
     more often than any other: an object may rest in front of it for up to 40 % of the time. All frames
     that agree with it within their noise are averaged. Changes of brightness of the whole picture are
     divided out; the plate has the median brightness.
+
+    If the camera moved, frames are registered to the middle one, and the plate holds all that they
+    show, in pixels of that frame. Its variance then has what frames differ from it beyond their noise,
+    as at edges that interpolation changes.
 
     The frames are read twice (three times if they have no length), one at a time; memory does not
     depend on their number. Few frames of a clip are read once, and kept as code values.
@@ -92,37 +107,108 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     Raises
     ------
     PlateError
-        If there are fewer than three frames, the camera moved, the scene is cut, its light changes by
-        more than a factor of two, or no pixel of the background was found.
+        If there are fewer than three frames, the scene is cut, its light changes by more than a factor
+        of two, less than half of the frames of a moving camera can be registered, or no pixel of the
+        background was found.
     TypeError, ValueError
         If the frames are not LinearImages of one size, or can be iterated only once.
     """
-    return _made(frames, against_scene=True)
+    try:
+        return _made(frames, against_scene=True)
+    except (CameraMotionError, CutError) as error:
+        if not isinstance(frames, Sequence):
+            raise
+        path = camera_path_after(frames, error)
+    return plate_on_canvas(frames, path)
 
 
 def plate_for_clip(frames: Iterable[LinearImage]) -> LinearImage:
-    """The plate of `make_plate`, in less memory: without the error that all frames share."""
+    """The plate of `make_plate`, in less memory: without the error that all frames share.
+
+    Raises CameraMotionError or CutError if frames do not show one scene from one place.
+    """
     return _made(frames, against_scene=False).plate
 
 
-def _made(frames: Iterable[LinearImage], against_scene: bool) -> PlateFit:
+def camera_path_after(frames: Sequence[LinearImage], error: PlateError) -> CameraPath:
+    """Where the frames look that do not show one scene from one place, as an error says.
+
+    Raises the error if it was a cut.
+    """
+    try:
+        path = camera_path(frames)
+    except PlateError:
+        if isinstance(error, CutError):
+            raise error from None
+        raise
+    if isinstance(error, CutError):
+        _check_one_scene(frames, path)
+    return path
+
+
+def _check_one_scene(frames: Sequence[LinearImage], path: CameraPath) -> None:
+    """Raise CutError if frames that are not registered are a shot of their own."""
+    bad = {k for k, _ in path.unregistered}
+    for k in sorted(bad):
+        if {k + 1, k + 2} <= bad and show_one_scene(frames[k], frames[k + 2]):
+            at = k or next(iter(path.registered))  # the first of another shot
+            a, b = (frame_name(frames[n], n) for n in (at - 1, at))
+            raise CutError(
+                f"the scene is cut between {a} and {b}: they cannot be registered to one another; give "
+                "the part before or after it (--frames)"
+            )
+
+
+def plate_on_canvas(
+    frames: Sequence[LinearImage], path: CameraPath, most: int = MAX_ON_CANVAS
+) -> PlateFit:
+    """The plate of registered frames, of which so many are used at most."""
+    fit = _made(FramesOnCanvas.of(frames, path, most), against_scene=False, registered=True)
+    return replace(fit, camera=path)
+
+
+def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> LinearImage:
+    """The plate of an image from two or more other shots that were matched to it.
+
+    The image decides where shots differ, but its light is no part of the mean.
+    """
+    samples = take_samples([*shots, image], registered=True)
+    modes = find_modes(samples, find_restlessness(samples), slice(0, image.size[1]))
+    sums = sum_frames(shots, modes, len(shots), [np.ones(3)] * len(shots))
+    file = _CodeError(shots[0].meta, None, samples.noise)
+    light, noise, _, _, _ = _estimates(sums, modes, file)
+    _, free, clipped, *_ = np.moveaxis(sums.counts, -1, 0)
+    alone = free < _MIN_FREE_FRAMES  # nothing is compared there
+    noise[alone] = modes.variance[alone]
+    valid = (modes.near >= _MIN_FREE_FRAMES) & (free > 0) & (clipped == 0)
+    meta = replace(shots[0].meta, source=f"plate of {len(shots)} shots", compression=None)
+    return LinearImage(light, noise, valid, meta)
+
+
+def _made(frames: Iterable[LinearImage], against_scene: bool, registered: bool = False) -> PlateFit:
     """As `make_plate`."""
     if iter(frames) is frames:
         raise TypeError(
             "frames can be iterated only once, but are read twice; give read_frames(...) or a list"
         )
-    samples = take_samples(frames)
-    light = float(np.median(samples.few[len(samples.few) // 2]))
-    variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
-    check_static_camera(samples.gray, variance, samples.names)
+    samples = take_samples(frames, registered)
+    if not registered:
+        light = float(np.median(samples.few[len(samples.few) // 2]))
+        variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
+        check_static_camera(samples.gray, variance, samples.names)
     if samples.are_all:
         return _of_samples(samples, against_scene)
     rows, count = slice(0, samples.light.size[1]), samples.count
     modes = find_modes(samples, find_restlessness(samples), rows)
     coding = samples.coding if against_scene else None
+    noise = samples.noise if registered else None
     del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
-    file = _CodeError(next(iter(frames)).meta, coding)
+    file = _CodeError(next(iter(frames)).meta, coding, noise)
+    if isinstance(frames, FramesOnCanvas):
+        modes = replace(modes, light=sums.mean(modes))
+        frames = replace(frames, plate=modes.light, gains=sums.gain)
+        sums = sum_frames(frames, modes, count, sums.gain)
     return _plate_fit(_estimates(sums, modes, file), sums.gain)
 
 
@@ -173,6 +259,9 @@ class _CodeError:
 
     meta: Meta  # of a frame
     coding: CodingError | None
+    noise: NoiseModel | None = (
+        None  # of a frame that was warped; what it differs by beyond is error
+    )
 
     def rounding(self, light: Floats) -> Floats:
         """Variance by rounding in one frame, at each light; 0 if it held floats."""
@@ -183,26 +272,28 @@ class _CodeError:
 
 def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -> Estimates:
     """Light, its variance, whether it is valid, coverage, and the variance that all frames share."""
-    count = len(sums.gain)
-    _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
+    _, free, clipped, close, rival, count = np.moveaxis(sums.counts, -1, 0)
     known = (free > _MAJORITY * count) | (rival <= _MAX_RIVAL_RATIO * close)
-    known &= free >= max(_MIN_FREE_FRACTION * count, _MIN_FREE_FRAMES)
+    known &= free >= np.maximum(_MIN_FREE_FRACTION * count, _MIN_FREE_FRAMES)
     valid = known & (clipped <= _MAX_CLIPPED_FRACTION * free)
-    rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
+    rgb = sums.mean(modes)
     noise, windows = np.empty_like(modes.light), _Windows.of(sums, known)
     shared = None if file.coding is None else np.empty_like(modes.light)
+    of_frame = None if file.noise is None else file.noise.variance(np.maximum(rgb, 0))
 
     def channel(c: int) -> None:
         """Noise of a channel, and what all frames share."""
         usual, rounding = modes.variance[..., c], file.rounding(rgb[..., c])
         noise[..., c], scatter = _variance(sums, c, windows, usual, rounding)
+        if of_frame is not None:
+            noise[..., c] += np.maximum(scatter - of_frame[..., c], 0)
         if file.coding is not None and shared is not None:
             coding = file.coding.variance(rgb[..., c], c, first_row)
             shared[..., c] = coding * _kept_rounding(scatter / np.maximum(coding, 1e-14))
 
     with ThreadPoolExecutor(2) as pool:  # three at a time take more memory
         list(pool.map(channel, range(3)))
-    coverage = np.where(known, free / count, 0).astype(np.float32)
+    coverage = np.where(known, free / np.maximum(count, 1), 0).astype(np.float32)
     return rgb.astype(np.float32), noise, valid, coverage, shared
 
 

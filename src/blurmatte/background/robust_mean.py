@@ -140,8 +140,8 @@ class Sums:
     batch_squares: Floats
     batch_products: Floats
     batch_counts: Floats  # (H, W) float32: Σ n²
-    # (H, W, 5) int32: free frames of the batch and of the clip; clipped ones of these, and ones
-    # very close to the mode; frames very close to the rival
+    # (H, W, 6) int32: free frames of the batch and of the clip; clipped ones of these, and ones
+    # very close to the mode; frames very close to the rival; frames that show the pixel
     counts: Ints32
     batch: Floats  # (H, W, 3) float32: S of the current batch
     gain: list[Floats]  # list of (3,) float: of each frame
@@ -153,8 +153,12 @@ class Sums:
             np.zeros(shape, np.float32) for _ in range(5)
         )
         batch_counts = np.zeros(shape[:2], np.float32)
-        counts = np.zeros((*shape[:2], 5), np.int32)
+        counts = np.zeros((*shape[:2], 6), np.int32)
         return cls(total, squares, batch_squares, products, batch_counts, counts, batch, [])
+
+    def mean(self, modes: Modes) -> Floats:
+        """(H, W, 3) of the free frames of each pixel."""
+        return modes.light + self.total / np.maximum(self.counts[..., 1:2], 1)
 
     def close_batch(self) -> None:
         """End the current batch and begin another."""

@@ -3,7 +3,8 @@
 In this file x is the light of a pixel in a frame over the frame's gain, and m the mode of its frames.
 The variance of x is s² λ: s² that of the noise model, λ the variance inflation at a restless place. The
 distance of two lights is D = Σ (difference)² / variance over the channels: χ² with three degrees of
-freedom if only noise is between them.
+freedom if only noise is between them. Light below `MIN_SEEN` is that of pixels that a frame of a moving
+camera does not show; they count neither for a mode nor against it.
 """
 
 import numpy as np
@@ -12,6 +13,8 @@ from blurmatte.compiling import FAST_MATH, njit
 
 _NEAR = np.float32(16)  # D of agreeing lights; noise exceeds it once in 900 times
 _CLOSE = np.float32(4)  # D of the densest samples: slowly moving light has fewer of them
+UNSEEN = -8192.0  # light of pixels that a frame does not show; exact in half precision
+MIN_SEEN = np.float32(-1024)  # that of any other, over its gain
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
@@ -62,18 +65,23 @@ def _smallest(values, rank):  # type: ignore[no-untyped-def]
 def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
     """Write λ: the lower 20 % quantile of D between consecutive samples over that of χ².
 
-    samples is (K, n, 3), noise nine coefficients, out (n,).
+    samples is (K, n, 3), noise nine coefficients, out (n,). 1 for pixels that fewer than two show.
     """
-    pairs = samples.shape[0] - 1
-    D = np.empty(pairs, np.float32)
-    low = int(0.2 * pairs)  # a pixel that is rarely free has at least these
+    D = np.empty(samples.shape[0] - 1, np.float32)
     for i in range(samples.shape[1]):
-        for k in range(pairs):
-            D[k] = _ZERO
-            for c in range(3):
-                x, y = samples[k, i, c], samples[k + 1, i, c]
-                D[k] += (y - x) ** 2 * _precision((x + y) / _TWO, noise, c, _TWO)
-        out[i] = _smallest(D, low) / np.float32(1.005)
+        pairs, before = 0, -1
+        for k in range(samples.shape[0]):
+            if samples[k, i, 0] < MIN_SEEN:
+                continue
+            if before >= 0:
+                D[pairs] = _ZERO
+                for c in range(3):
+                    x, y = samples[before, i, c], samples[k, i, c]
+                    D[pairs] += (y - x) ** 2 * _precision((x + y) / _TWO, noise, c, _TWO)
+                pairs += 1
+            before = k
+        low = int(0.2 * pairs)  # a pixel that is rarely free has at least these
+        out[i] = _smallest(D[:pairs], low) / np.float32(1.005) if pairs else _ONE
 
 
 @njit(fastmath=FAST_MATH)
@@ -131,12 +139,15 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
     samples is (K, n, 3), noise nine coefficients, restless (n,) λ, mode and rival (n, 3), near (n,) the
     number of samples of the mode. The rival is -1 if at most `min_rival_ratio` of that number remain.
     """
-    count = samples.shape[0]
-    x, y, z = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
-    far = np.empty(count, np.bool_)
+    most = samples.shape[0]
+    x, y, z = np.zeros(most, np.float32), np.zeros(most, np.float32), np.zeros(most, np.float32)
+    far = np.empty(most, np.bool_)
     for i in range(samples.shape[1]):
-        for k in range(count):
-            x[k], y[k], z[k] = samples[k, i, 0], samples[k, i, 1], samples[k, i, 2]
+        count, x[0], y[0], z[0] = 0, _ZERO, _ZERO, _ZERO  # the light of pixels that no frame shows
+        for k in range(most):
+            if samples[k, i, 0] >= MIN_SEEN:
+                x[count], y[count], z[count] = samples[k, i, 0], samples[k, i, 1], samples[k, i, 2]
+                count += 1
         at = _best(x, y, z, count, noise, restless[i])
         a, b, c, n, left = _settle(x, y, z, count, noise, restless[i], at, far)
         mode[i, 0], mode[i, 1], mode[i, 2], near[i] = a, b, c, n
@@ -187,12 +198,13 @@ def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # typ
     """Add a frame at its free pixels: those of the mode, outside rims.
 
     modes is (mode, precision, rival), (n, 3) each. sums and squares are (n, 3): of x − m, over a
-    batch of frames and over all. counts is (n, 5): free frames of the batch and of the clip;
-    clipped ones of these and ones close to the mode; frames close to the rival.
+    batch of frames and over all. counts is (n, 6): free frames of the batch and of the clip;
+    clipped ones of these and ones close to the mode; frames close to the rival; frames that show it.
     """
     mode, precision, rival = modes
     g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
     for i in range(off.shape[0]):
+        counts[i, 5] += light[i, 0] >= MIN_SEEN
         if off[i] and rival[i, 0] >= _ZERO:
             d = (
                 (light[i, 0] * g - rival[i, 0]) ** 2 * precision[i, 0]

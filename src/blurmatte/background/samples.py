@@ -130,8 +130,14 @@ class Samples:
         return self.light.exact and len(self.light) == self.count
 
 
-def take_samples(frames: Iterable[LinearImage]) -> Samples:
+class CutError(PlateError):
+    """Frames of several scenes."""
+
+
+def take_samples(frames: Iterable[LinearImage], registered: bool = False) -> Samples:
     """Read the frames once and keep a number of them that does not depend on the clip's length.
+
+    Frames that are `registered` are of one scene.
 
     Raises PlateError if there are fewer than three frames, a cut, or too large a change of light.
     Raises ValueError if their sizes differ.
@@ -141,7 +147,8 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
     if len(light) < 3:
         raise PlateError(f"a plate needs at least 3 frames, got {len(light)}; give more of them")
     small = np.array(few)
-    _check_no_cut(small, names)
+    if not registered:
+        _check_no_cut(small, names)
     if light.exact:
         every = slice(None, None, _noise_step(light.size[0] * light.size[1]))
         rows = {k: light.rows(k, every) for pair in _pairs(len(light)) for k in pair}
@@ -178,6 +185,7 @@ def fit_gain(light: Floats, static: Floats, variance: Floats) -> Floats:
     for c, (x, B, s2) in enumerate(zip(light, static, variance, strict=True)):
         for _ in range(2):
             inliers = (x - gain[c] * B) ** 2 < _MAX_RESIDUAL_STD**2 * s2
+            inliers &= x >= kernel.MIN_SEEN
             weight = inliers * B / s2
             if (total := float(np.sum(weight * B))) > 0:
                 gain[c] = max(float(np.sum(weight * x)) / total, _MIN_GAIN)
@@ -188,7 +196,7 @@ def median_ratio(light: Floats, static: Floats) -> Floats:
     """(3,) median of light over static, both (3, n), where static is not dark."""
     gain = np.ones(3)
     for c, (x, B) in enumerate(zip(light, static, strict=True)):
-        bright = _MIN_BRIGHTNESS * B.max() < B
+        bright = (_MIN_BRIGHTNESS * B.max() < B) & (x >= kernel.MIN_SEEN)
         if bright.any():
             gain[c] = max(float(np.median(x[bright] / B[bright])), _MIN_GAIN)
     return gain
@@ -304,7 +312,7 @@ def _noise(pairs: Iterable[tuple[LinearImage, LinearImage]]) -> NoiseModel:
 
 
 def _check_no_cut(small: Floats, names: Sequence[str]) -> None:
-    """Raise PlateError if most of the picture changes between two samples."""
+    """Raise CutError if most of the picture changes between two samples."""
     after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
     change = np.abs(after - small[:-1])
     noise = MAD_TO_STD * np.median(change, axis=(0, 2), keepdims=True)
@@ -313,7 +321,7 @@ def _check_no_cut(small: Floats, names: Sequence[str]) -> None:
     areas = (change > threshold).any(axis=1).mean(axis=1)
     at = int(np.argmax(areas))
     if areas[at] > _MAX_CHANGED_AREA:
-        raise PlateError(
+        raise CutError(
             f"the scene is cut between {names[at]} and {names[at + 1]}: {areas[at]:.0%} of the "
             "picture changes; give the part before or after it (--frames)"
         )
@@ -322,8 +330,15 @@ def _check_no_cut(small: Floats, names: Sequence[str]) -> None:
 def _gains(small: Floats, noise: NoiseModel) -> Floats:
     """(K, 3) gain of each sample against their median, both by alternating estimation."""
     gain = np.ones((len(small), 3))
+    unseen = small < kernel.MIN_SEEN
     for _ in range(2):
-        static = np.median(small / gain[..., None], axis=0)
+        static = small / gain[..., None]
+        if unseen.any():
+            seen = np.ma.masked_array(static, unseen)
+            median = np.ma.median(seen, axis=0)  # type: ignore[no-untyped-call]
+            static = np.ma.filled(median, kernel.UNSEEN)
+        else:
+            static = np.median(static, axis=0)
         variance = noise.variance(static.T).T
         gain = np.array([fit_gain(x, static, variance) for x in small])
         gain /= np.median(gain, axis=0)

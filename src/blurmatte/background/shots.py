@@ -5,7 +5,7 @@ only the thumbnails' noise and what moves differ; a cut changes most of the pict
 on doing so.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +23,7 @@ _CUT_FRACTION = 0.4  # of the squares, changed at once
 _PAN_FRACTION = 0.2  # of the squares, changed in each of several frames
 _MIN_PAN_FRAMES = 3
 _MIN_SHOT_FRAMES = 3  # of which a plate can be made
+MIN_STILL_FRAMES = 25  # of a camera at rest, of which a plate alone is better than with a pan
 _MAX_GAIN = 1.5  # of the light within a shot, one way or the other
 
 
@@ -37,7 +38,7 @@ class ClipShot:
     begins_with : str
         "cut", "light" (a lasting change), or "start" of the clip.
     moving : bool
-        The camera moves: no plate can be made.
+        The camera moves: frames have to be registered.
     """
 
     start: int
@@ -47,6 +48,11 @@ class ClipShot:
 
     def __len__(self) -> int:
         return self.stop - self.start
+
+    @property
+    def is_still(self) -> bool:
+        """Whether the camera is at rest for long enough for a plate of its own."""
+        return not self.moving and len(self) >= MIN_STILL_FRAMES
 
     def numbered(self, numbers: Sequence[int]) -> "ClipShot":
         """The same in the numbers of the frames instead of their indices."""
@@ -100,6 +106,28 @@ def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Clip
     if index >= 0:
         shots += _with_pans(ClipShot(begun, index + 1, reason), changes)
     return _without_flashes(shots)
+
+
+def joined_shots(
+    shots: Iterable[ClipShot], same_scene: Callable[[int, int], bool]
+) -> list[ClipShot]:
+    """The shots without cuts that were motions of the camera.
+
+    same_scene: whether two frames, by their indices, can be registered to one another. The last frames
+    of a shot may be flashes, or dropped.
+    """
+    joined: list[ClipShot] = []
+    for shot in shots:
+        begun = joined[-1].start if joined else shot.start
+        still = joined and (joined[-1].is_still or shot.is_still)
+        first = shot.start
+        before = range(first - 1, max(first - 1 - _MIN_SHOT_FRAMES, begun - 1), -1)
+        cut = shot.begins_with == "cut" and not still
+        if cut and any(same_scene(k, first) for k in before):
+            joined[-1] = replace(joined[-1], stop=shot.stop, moving=True)
+        else:
+            joined.append(shot)
+    return joined
 
 
 def _changed(a: Thumbnail, b: Thumbnail, least: float) -> float:

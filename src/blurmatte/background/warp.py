@@ -6,12 +6,14 @@ identity:
 
     H = 1 + (h₀ h₁ h₂ | h₃ h₄ h₅ | h₆ h₇ 0)
 
-h₂ and h₅ are the shift.
+h₂ and h₅ are the shift. With a lens term k the points of both pictures are those that a lens without
+distortion would show: u becomes u (1 + k |u|²) before H, and its inverse follows H.
 
 All channels of a pixel share its position and its weights, and positions are not stored.
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,14 +23,96 @@ from blurmatte.checks import Array, Bools, Floats
 from blurmatte.compiling import njit
 
 SPLINE_ORDER = 3  # of the interpolation
+_LENS_STEPS = 4  # of Newton's method
 _BORDER_PX = 12  # beyond which the border has no influence on a spline, relative to 1e-7
 IDENTITY_LIGHT = np.eye(7, 1).repeat(3, axis=1)  # (7, 3): gain 1, no offset, no field
 IDENTITY_LIGHT.setflags(write=False)
 
 
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Pixels of a picture, in those of the picture to whose center its coordinates refer.
+
+    Parameters
+    ----------
+    size : (int, int)
+        (width, height), pixels.
+    origin : (int, int)
+        Its first pixel (x, y).
+    """
+
+    size: tuple[int, int]
+    origin: tuple[int, int] = (0, 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Warp:
+    """Where the pixels of a picture lie in another, and the pixels of both.
+
+    Parameters
+    ----------
+    h : (8,) float
+        Parameters of the homography.
+    size : (int, int)
+        (width, height) of the picture in whose centered coordinates it is.
+    lens : float
+        k.
+    target, source : Grid, optional
+        Of the result, and of the picture that is interpolated; both as large as `size` if not given.
+    """
+
+    h: Array
+    size: tuple[int, int]
+    lens: float = 0.0
+    target: Grid | None = None
+    source: Grid | None = None
+
+    def points(self, xy: Array) -> Array:
+        """Positions (n, 2) of points xy (n, 2), pixels."""
+        to = to_centered(self.size)
+        u = _undistorted(xy * to[0, 0] + to[:2, 2], self.lens)
+        U = _distorted(_projected(self.h, u)[0], self.lens)
+        return np.asarray((U - to[:2, 2]) / to[0, 0])
+
+    @property
+    def inverse(self) -> "Warp":
+        """From the pixels of the other picture to those of this one."""
+        return Warp(inverse(self.h), self.size, self.lens)
+
+
+def _undistorted(u: Array, lens: float) -> Array:
+    return u if not lens else u * (1 + lens * np.sum(u**2, axis=1, keepdims=True))
+
+
+def _distorted(U: Array, lens: float) -> Array:
+    """The points of a picture that lie at U (n, 2) without the lens."""
+    if not lens:
+        return U
+    R = np.sqrt(np.sum(U**2, axis=1, keepdims=True))
+    r = R.copy()
+    for _ in range(_LENS_STEPS):
+        r -= (r + lens * r**3 - R) / (1 + 3 * lens * r**2)
+    return np.asarray(U * np.where(R > 0, r / np.maximum(R, 1e-12), 1))
+
+
 def homography(h: Array) -> Array:
     """(3, 3) H of its parameters h (8,)."""
     return np.asarray(np.eye(3) + np.append(h, 0).reshape(3, 3))
+
+
+def parameters(H: Array) -> Array:
+    """(8,) parameters of a homography (3, 3)."""
+    return np.asarray((H / H[2, 2] - np.eye(3)).ravel()[:8])
+
+
+def inverse(h: Array) -> Array:
+    """(8,) parameters of the inverse of a homography."""
+    return parameters(np.asarray(np.linalg.inv(homography(h)), float))
+
+
+def composed(first: Array, then: Array) -> Array:
+    """(8,) parameters of one homography after another."""
+    return parameters(homography(then) @ homography(first))
 
 
 def to_centered(size: tuple[int, int]) -> Array:
@@ -67,35 +151,39 @@ def map_points(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array
     return (U - to[:2, 2]) / to[0, 0], slope / to[0, 0]
 
 
-def warped(picture: Floats, h: Array) -> Floats:
+def warped(picture: Floats, h: Array | Warp) -> Floats:
     """A picture (h, w, channels) under a homography, by cubic splines; its border is repeated."""
     around = ((_BORDER_PX, _BORDER_PX),) * 2 + ((0, 0),)
     nodes = spline_coefficients(np.pad(picture.astype(float, copy=False), around, mode="edge"))
     return _between(nodes, _BORDER_PX, SPLINE_ORDER + 1, h, picture.dtype)
 
 
-def warped_linearly(picture: Floats, h: Array) -> Floats:
+def warped_linearly(picture: Floats, h: Array | Warp) -> Floats:
     """A picture (h, w, channels) under a homography, linear between pixels; its border is repeated."""
     return _between(picture, 0, 2, h, picture.dtype)
 
 
-def warped_mask(mask: Bools, h: Array) -> Bools:
+def warped_mask(mask: Bools, h: Array | Warp) -> Bools:
     """(h, w) True where the support of the spline is True; False beyond the picture."""
     lost = np.pad(~mask, 1, constant_values=True)[..., None].astype(np.float32)
     some = _between(lost, 1, 2, h, np.dtype(np.float32))[..., 0] > 1e-6
     return np.asarray(~scipy.ndimage.binary_dilation(some))
 
 
-def _between(nodes: Floats, pad: int, taps: int, h: Array, dtype: np.dtype[Any]) -> Floats:
-    """Values between nodes under a homography; see `warp_kernel.warp`."""
-    height, width = (side - 2 * pad for side in nodes.shape[:2])
+def _between(nodes: Floats, pad: int, taps: int, how: Array | Warp, dtype: np.dtype[Any]) -> Floats:
+    """Values between nodes under a homography; see `warp`."""
+    size = nodes.shape[1] - 2 * pad, nodes.shape[0] - 2 * pad
+    whole = how if isinstance(how, Warp) else Warp(how, size)
+    target, source = (grid or Grid(whole.size) for grid in (whole.target, whole.source))
+    width, height = target.size
     out = np.empty((height, width, nodes.shape[2]), dtype)
-    match = homography(h), to_centered((width, height))
+    match = homography(whole.h), to_centered(whole.size), float(whole.lens)
+    origins = np.array([*target.origin, *source.origin], float)
     edges = np.linspace(0, height, min(height, 64) + 1).astype(int)
 
     def fill(first: int, end: int) -> None:
         """Fill some rows."""
-        warp(nodes, pad, taps, match, first, out[first:end])
+        warp(nodes, pad, taps, match, origins, first, out[first:end])
 
     with ThreadPoolExecutor() as threads:  # compiled loops release the interpreter's lock
         list(threads.map(fill, edges[:-1], edges[1:]))
@@ -138,24 +226,36 @@ def _within(x, first, last):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def warp(nodes, pad, taps, match, first, out):  # type: ignore[no-untyped-def]
+def warp(nodes, pad, taps, match, origins, first, out):  # type: ignore[no-untyped-def]
     """Write the rows of a warped picture from row `first` on into `out` (rows, w, channels).
 
     nodes (h + 2 pad, w + 2 pad, channels): of the picture and `pad` pixels around it. With 4 `taps`
     they are coefficients of a cubic spline, with 2 values between which is interpolated linearly.
-    match is (H, to): the homography and the matrix to its centered coordinates, (3, 3).
+    match is (H, to, k): the homography, the matrix to its centered coordinates, (3, 3), and the lens
+    term. origins (4,): x and y of the first pixels of the result and of the picture.
     Positions beyond the nodes are moved to the nearest.
     """
-    H, to = match
+    H, to, lens = match
     size, x_off, y_off = to[0, 0], to[0, 2], to[1, 2]
     height, width, channels = nodes.shape
     p, q, before = np.empty(taps), np.empty(taps), taps // 2 - 1
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
-            a, b = column * size + x_off, (first + row) * size + y_off
+            a, b = (column + origins[0]) * size + x_off, (first + row + origins[1]) * size + y_off
+            if lens != 0:
+                longer = 1 + lens * (a * a + b * b)
+                a, b = a * longer, b * longer
             depth = H[2, 0] * a + H[2, 1] * b + H[2, 2]
-            x = ((H[0, 0] * a + H[0, 1] * b + H[0, 2]) / depth - x_off) / size
-            y = ((H[1, 0] * a + H[1, 1] * b + H[1, 2]) / depth - y_off) / size
+            U = (H[0, 0] * a + H[0, 1] * b + H[0, 2]) / depth
+            V = (H[1, 0] * a + H[1, 1] * b + H[1, 2]) / depth
+            if lens != 0:
+                R = np.sqrt(U * U + V * V)
+                r = R
+                for _ in range(_LENS_STEPS):
+                    r -= (r + lens * r * r * r - R) / (1 + 3 * lens * r * r)
+                if R > 0:
+                    U, V = U * r / R, V * r / R
+            x, y = (U - x_off) / size - origins[2], (V - y_off) / size - origins[3]
             x = _within(x + pad, before, width - 1 - before)
             y = _within(y + pad, before, height - 1 - before)
             i, j = min(int(x), width - 2 - before), min(int(y), height - 2 - before)
@@ -170,7 +270,7 @@ def warp(nodes, pad, taps, match, first, out):  # type: ignore[no-untyped-def]
                 value = 0.0
                 for s in range(taps):
                     along = 0.0
-                    for r in range(taps):
-                        along += p[r] * nodes[j + s, i + r, c]
+                    for r_ in range(taps):
+                        along += p[r_] * nodes[j + s, i + r_, c]
                     value += q[s] * along
                 out[row, column, c] = value

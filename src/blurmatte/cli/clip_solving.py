@@ -45,17 +45,34 @@ class MaybePlate:
     """The plate, and how it may be changed to match the image."""
 
     plate: Annotated[
-        Path | None, option("FILE|none", "Without the object; none: guess; clip: made.")
+        list[Path] | None, option("FILE|none", "Without the object; none: guess; clip: made.")
     ] = None
     match: Annotated[str, option("MODE", "auto, none, exposure, shift or full.")] = "auto"
 
     def __post_init__(self) -> None:
         matching_of(self.match)
+        if self.is_guessed and len(self.files) > 1:
+            raise ValueError("--plate none guesses the plate: give it alone, or leave it out")
+
+    @property
+    def files(self) -> list[Path]:
+        """All that were given."""
+        return self.plate or []
+
+    @property
+    def of_clip(self) -> Path | None:
+        """The one of a clip, if it was given; ValueError if there are several."""
+        if len(self.files) > 1:
+            raise ValueError(
+                f"give one --plate with a clip, got {len(self.files)}; make one of several pictures "
+                "with blurmatte plate"
+            )
+        return next(iter(self.files), None)
 
     @property
     def is_guessed(self) -> bool:
         """Whether there is none, and a single picture must do."""
-        return self.plate == Path("none")
+        return Path("none") in self.files
 
 
 @dataclass(frozen=True)
@@ -126,9 +143,9 @@ def solve_clip(
     with about(Path(images[0])):
         frames = reading.frames(images, options.frames)
         run = bm.ClipRun(
-            given_files(images, plate.plate, occluder, *(colors.color or ())),
+            given_files(images, plate.of_clip, occluder, *(colors.color or ())),
             frames,
-            None if plate.plate is None else reading.read(plate.plate),
+            None if plate.of_clip is None else reading.read(plate.of_clip),
             _model(colors),
             options.several,
             _extension(out, options),

@@ -13,6 +13,7 @@ import blurmatte as bm
 from blurmatte.cli.console import about, answer, complain, in_degrees, waiting
 from blurmatte.cli.quantities import Direction
 from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
+from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import clip_in_words, summary_in_words
 from blurmatte.motion.clip.balls import balls_in_space
 from blurmatte.motion.clip.cadence import Cadence
@@ -23,6 +24,10 @@ from blurmatte.motion.clip.transfer_spread import radius_spread
 from blurmatte.motion.clip.workers import return_freed_memory
 from blurmatte.motion.picture.motion import MAX_READOUT
 
+_MOVING = (
+    "--camera needs a camera at rest, and this one moves: give a part of the clip in which it stands "
+    "still (--frames), or leave --camera out"
+)
 _MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than they save
 
 
@@ -60,10 +65,13 @@ class Tracking:
                     record(event)
                 else:
                     found = event if self.readout is None else event.read_out(self.readout)
+            if found.camera is not None and known.lens is not None:
+                raise bm.errors.MotionError(_MOVING)
             places = balls_in_space(known, frames, found.plate, found.rows, found.color, workers)
         if frames.curve_assumed and known.radius is not None:
             with waiting("comparing transfer curves"):
-                spread = radius_spread(frames, found.plate, found.rows, frames.frame_numbers)
+                numbers, rows = frames.frame_numbers, found.in_frames
+                spread = radius_spread(frames, found.plate, rows, numbers, found.camera)
                 known = replace(known, radius_std=spread)
         return found, places, replace(known, place_std=frames.place_std)
 
@@ -98,7 +106,8 @@ class Tracking:
         said = clip_in_words(rows, in_degrees(clip.seen_color), several)
         said += Cadence.stated(rows).words
         said += [word for one in objects for word in summary_in_words(one, several)]
-        lines = clip_table(rows, places, objects, known)
+        said += camera_in_words(clip.camera, clip.clip.numbers)
+        lines = clip_table(clip.in_frames, places, objects, known)
         if self.out is not None:
             bm.write(self.out, lines)
         if overlay is not None:

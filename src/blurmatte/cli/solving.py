@@ -72,21 +72,28 @@ class _PictureOptions:
     """Options that apply to all images."""
 
     reading: CameraReading
-    plate: bm.LinearImage | None  # None: it is guessed from the surroundings of the region
+    plates: list[bm.LinearImage]  # none: it is guessed from the surroundings of the region
     notes: list[str]  # warnings of reading the plate
     selection: Selection
     occluder: Path | None
     solver: bm.matting.Solver | None
     matching: bm.background.Matching | None
 
-    def with_plate(self, image: bm.LinearImage) -> tuple[bm.LinearImage, bm.LinearImage]:
-        """An image and its plate; the noise of the image is that of its guess."""
-        if self.plate is not None:
-            return image, self.plate
+    def with_plate(
+        self, image: bm.LinearImage
+    ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match]:
+        """An image, its plate at that moment, and the match; the image has the noise of a guess."""
+        if len(self.plates) > 1:
+            plate, matches = bm.background.burst_plate(image, self.plates, self.matching)
+            return image, plate, max(matches, key=lambda match: match.reach)
+        for plate in self.plates:
+            match = bm.background.fit_match(image, plate, self.matching)
+            return image, match.apply(plate), match
         region = self.selection.inside(image.size)
         assert region is not None
         plate = bm.background.guess_plate(image, region.mask)
-        return (image if image.noise is not None else image.with_noise(plate.image_noise)), plate
+        image = image if image.noise is not None else image.with_noise(plate.image_noise)
+        return image, plate, bm.background.Match.nothing(image.size)
 
 
 @command(
@@ -113,7 +120,7 @@ def solve(
     """
     required = _required(require)
     solver, selection = how.solver, Selection(reading, colors, how.region)
-    of_clip = clip.means_clip(images, out, plate.plate, how.of_each_picture)
+    of_clip = clip.means_clip(images, out, next(iter(plate.files), None), how.of_each_picture)
     if plate.is_guessed:
         _check_guess(plate.match, how, reading.transfer, of_clip)
     if of_clip:
@@ -122,7 +129,7 @@ def solve(
         return
     from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
 
-    if plate.plate is None:
+    if not plate.files:
         raise ValueError(
             "a single picture needs --plate, the same scene without the object: photograph it, or take "
             "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'), or "
@@ -131,15 +138,15 @@ def solve(
     method = _limited(_solver(solver, colors), how)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
-    named = plate.plate, how.region, how.occluder, *colors.files, reading.noise, reading.transfer
+    named = *plate.files, how.region, how.occluder, *colors.files, reading.noise, reading.transfer
     files = given_files([], *named, solver.partition(":")[2])
     row = PictureRow(pairs, out, files)
     notes: list[str] = []
-    B = None
+    plates: list[bm.LinearImage] = []
     if not plate.is_guessed:
-        reading = _with_curve(reading, pairs[0][0], plate.plate)
-        B = reading.read(plate.plate, notes)
-        method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
+        reading = _with_curve(reading, pairs[0][0], plate.files[0])
+        plates = [reading.read(one, notes) for one in plate.files]
+        method = _shaded(reading, solver, colors, plates) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
     settings = {
         "selection": repr(selection),
@@ -148,7 +155,7 @@ def solve(
     }
     matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
     row = replace(row, settings=settings)
-    task = _PictureOptions(reading, B, notes, selection, how.occluder, method, matching)
+    task = _PictureOptions(reading, plates, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
@@ -175,6 +182,7 @@ class _OneOfRow:
 
 def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
     """Solve one image and write its results; what is printed of them."""
+    from blurmatte.explain.calibration import parallax_in_words
     from blurmatte.explain.grade import doubts
     from blurmatte.explain.solution import usable_all_the_same
 
@@ -182,9 +190,7 @@ def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[st
     with about(path) as said:
         log.info("reading the picture")
         C = task.reading.read(path, said)
-        C, plate = task.with_plate(C)
-        match = bm.background.fit_match(C, plate, task.matching)
-        matched = match.apply(plate)
+        C, matched, match = task.with_plate(C)
         streak = task.selection.streak(C, matched)
         hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
         with _naming_streaks(streak, C, matched):
@@ -201,11 +207,26 @@ def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[st
         for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
             said.append(f"{path}: {doubt.rstrip('.')}")
             warn(said[-1])
+        regions = _parallax(C, matched, match, solution)
+        for sentence in parallax_in_words(regions):
+            said.append(f"{path}: {sentence.rstrip('.')}")
+            warn(said[-1])
         log.info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
+        bm.results.save_parallax(folder, C, regions)
     *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, match, folder)]
     return [*lines, *usable_all_the_same(C, matched, solution), sheet], solution
+
+
+def _parallax(
+    image: bm.LinearImage,
+    plate: bm.LinearImage,
+    match: bm.background.Match,
+    solution: bm.Solution,
+) -> list[bm.background.ParallaxRegion]:
+    """Where the plate of a camera that moved is shifted against an image, but for the streak."""
+    return bm.background.parallax_between(image, plate, solution.streak) if match.moves else []
 
 
 @command(
@@ -338,9 +359,12 @@ _SHADED = (
 
 
 def _shaded(
-    reading: CameraReading, solver: str, colors: ColorOptions, plate: bm.LinearImage
+    reading: CameraReading, solver: str, colors: ColorOptions, plates: list[bm.LinearImage]
 ) -> bm.Shaded:
     """The solver with a known plate in shadow, or a known light of the object."""
+    plate, *more = plates
+    if more:
+        raise ValueError(f"--solver shaded needs one --plate, got {len(plates)}")
     path = solver.partition(":")[2]
     if path:
         return bm.Shaded(plate=reading.read(Path(path)))

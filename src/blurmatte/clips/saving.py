@@ -10,7 +10,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from blurmatte.background import ClipShot
+from blurmatte.background import ClipShot, ParallaxRegion
 from blurmatte.checks import Bools, check_kind
 from blurmatte.clips.layers import (
     LAYER_EXTENSIONS,
@@ -23,7 +23,8 @@ from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_ma
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
-from blurmatte.figures import Matte, draw_clip
+from blurmatte.explain.calibration import camera_in_words
+from blurmatte.figures import Matte, draw_clip, draw_parallax
 from blurmatte.files import Frames, read_layer, require_parquet, write
 from blurmatte.files.clip_decoding import video_library
 from blurmatte.matting import Grade
@@ -187,6 +188,7 @@ class _Work:
     records: list[FrameRecord] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     plates: list[LinearImage] = field(default_factory=list)
+    parallax: list[ParallaxRegion] = field(default_factory=list)  # of the first shot
     new: int = 0
 
 
@@ -256,8 +258,6 @@ def _shot(
     run: ClipRun, folder: Path, number: int, shot: ClipShot, work: _Work, workers: Workers
 ) -> Iterator[FrameSightings | FrameRecord]:
     """Measure and solve the frames of a shot that are not done."""
-    if shot.moving:
-        raise MotionError("give a part in which the camera stands still, or stabilize the clip")
     finished = [one for one in work.manifest.finished if one.shot == number]
     seen = [one.seen for one in finished if one.seen is not None]
     done = {
@@ -281,6 +281,9 @@ def _shot(
     before = max((row.track or 0 for row in work.rows), default=0)
     work.rows += [replace(row, track=row.track and row.track + before) for row in found.rows]
     work.plates.append(found.plate)
+    work.problems += camera_in_words(found.camera, clip.numbers)
+    if found.camera is not None and len(work.plates) == 1:
+        work.parallax += found.camera.parallax
     how = folder.absolute(), number, run.file_extension, run.several, run.complete
     outcomes = solved(found, workers, run.solver, lambda solver: LayerWriter(solver, *how))
     for wanted, outcome in outcomes:
@@ -313,6 +316,12 @@ def _written(
         for number, plate in enumerate(work.plates, 1):
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
             write(files[-1], plate)
+    marked = folder / "parallax.png"
+    if work.parallax:
+        files.append(marked)
+        write(marked, draw_parallax(work.plates[0], work.parallax))
+    else:
+        marked.unlink(missing_ok=True)
     files.append(folder / "overview.png")
     words, mattes = _words(work, shots), _mattes(run, folder, work.records)
     write(files[-1], draw_clip(work.plates[0], work.rows, words, name=run.name, mattes=mattes))

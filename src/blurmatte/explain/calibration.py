@@ -1,10 +1,10 @@
 """Measurements of a camera and a scene in words: noise, transfer curves, plates."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from blurmatte.background import PlateFit
+from blurmatte.background import CameraPath, ParallaxRegion, PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.explain.numbers import channels
 from blurmatte.radiometry import SRGB, Transfer, nearest_transfer
@@ -48,6 +48,7 @@ def response_in_words(fit: ResponseFit) -> list[str]:
 
 def plate_in_words(fit: PlateFit) -> Iterator[str]:
     """Sentences."""
+    yield from camera_in_words(fit.camera, range(len(fit.camera.views) if fit.camera else 0))
     plate, frames = fit.plate, len(fit.gain)
     free = fit.coverage[plate.valid]
     yield (
@@ -70,6 +71,34 @@ def plate_in_words(fit: PlateFit) -> Iterator[str]:
         f"Not known, for no light was seen much more often than others: {unknown.mean():.1%} of the "
         f"pixels. Clipped: {clipped.mean():.1%}."
     )
+
+
+def camera_in_words(camera: CameraPath | None, numbers: Sequence[int]) -> list[str]:
+    """Sentences about a camera that moves, and the frames that are not registered, by number."""
+    if camera is None:
+        return []
+    to = "the plate" if camera.reference is None else f"frame {numbers[camera.reference]}"
+    said = [
+        f"The camera moves: {len(camera.registered)} of {len(camera.views)} frames are registered to "
+        f"{to}, displaced by up to {camera.reach:.1f} pixels."
+    ]
+    if camera.lens:
+        said.append(f"The lens bends straight lines: its term is {camera.lens:+.3f}.")
+    said += parallax_in_words(camera.parallax)
+    return said + [
+        f"Frame {numbers[k]} is not registered: {why}." for k, why in camera.unregistered
+    ]
+
+
+def parallax_in_words(regions: Sequence[ParallaxRegion]) -> list[str]:
+    """A sentence about the parts of a scene at another depth, if there are any."""
+    if not regions:
+        return []
+    named = "; ".join(map(str, regions[:3])) + (" …" if len(regions) > 3 else "")
+    return [
+        f"Parallax: the camera moved in space, and the plate is shifted at {named} against the rest; "
+        "do not use alpha there, or turn the camera about its lens."
+    ]
 
 
 def noise_in_words(fit: NoiseFit) -> Iterator[str]:

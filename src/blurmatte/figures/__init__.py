@@ -12,5 +12,6 @@ from blurmatte.figures.edit import png_of_look as png_of_look
 from blurmatte.figures.motion import draw_motion as draw_motion
 from blurmatte.figures.motion import draw_sharp as draw_sharp
 from blurmatte.figures.solution import draw_overview as draw_overview
+from blurmatte.figures.solution import draw_parallax as draw_parallax
 from blurmatte.figures.solution import draw_plate as draw_plate
 from blurmatte.figures.solution import sure_pixels as sure_pixels

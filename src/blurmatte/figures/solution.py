@@ -4,13 +4,14 @@ That of a solution has the whole picture, findings in words, and the streak enla
 its light, the coverage of each pixel, and its error.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from blurmatte.background import PlateFit
-from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size
+from blurmatte.background import ParallaxRegion, PlateFit
+from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.explain import explain
 from blurmatte.explain.grade import (
@@ -299,6 +300,41 @@ def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:
     return [float(edge) for corner in corners for edge in corner]
 
 
+def draw_parallax(picture: LinearImage, regions: Sequence[ParallaxRegion]) -> Codes8:
+    """Draw a picture, dimmed but for the parts of the scene at another depth than the rest.
+
+    Parameters
+    ----------
+    picture : LinearImage
+    regions : sequence of ParallaxRegion
+        In its pixels.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded.
+    """
+    codes = srgb_codes(picture.in_srgb().rgb)
+    drawn = codes // 3
+    for region in regions:
+        place = rows_columns(region.box)
+        drawn[place] = _outlined(codes, region.box)[place]
+    return drawn
+
+
+def _outlined(codes: Codes8, box: Box) -> Codes8:
+    """A picture with a line along the inner side of a box."""
+    (rows, columns), line = rows_columns(box), 2
+    drawn = codes.copy()
+    drawn[rows, columns] = Palette.warning
+    inner = (
+        slice(rows.start + line, rows.stop - line),
+        slice(columns.start + line, columns.stop - line),
+    )
+    drawn[inner] = codes[inner]
+    return drawn
+
+
 def draw_plate(fit: PlateFit) -> Codes8:
     """Draw a plate, the share of frames that show each pixel, and its error on one sheet.
 
@@ -315,6 +351,8 @@ def draw_plate(fit: PlateFit) -> Codes8:
     plate = fit.plate
     known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))
     light = np.where(known[..., None], srgb_codes(plate.rgb), np.array(Palette.unknown, np.uint8))
+    for region in () if fit.camera is None else fit.camera.parallax:
+        light = _outlined(light, region.box)
     top = round_up(float(np.percentile(std[known], 98)))
     errors = heat_codes(np.clip(std / top, 0, 1))
     errors[~known] = Palette.unknown

@@ -8,7 +8,7 @@ frames. Both are in sums of code values.
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -31,6 +31,7 @@ _MIN_BLOCK_CODES = 1.5  # the same of a mean over a block
 _MIN_CELLS = 6  # beyond their threshold in a block: fewer are noise with long tails
 _STD_WINDOW_CELLS = 5  # over which σ² is averaged
 _MIN_SAMPLES = 8  # of a σ for each cell
+_CONTRAST_CLASSES = 8  # of the places of one frame
 _QUANTILE = 0.4  # of |d| over the samples
 _QUANTILE_STDS = 0.5244  # that of |x| for standard normal x
 _MARGIN_PX = 32  # around what moved: the rims of a streak are fainter
@@ -101,6 +102,31 @@ class Gate:
                     table[touched] = np.inf
         return cls(expected, tuple(reach), tuple(of_blocks), plate.zero, plate.size)
 
+    @classmethod
+    def of_frame(cls, plate: CodedFrame, frame: CodedFrame, hidden: Bools) -> "Gate":
+        """The gate of one frame: what differs without motion is measured at places of like contrast.
+
+        A plate that was warped to a frame differs from it most at edges. Of each class of contrast, by
+        rank, less than half is an object.
+        """
+        gate = cls.of(plate, [frame], hidden)
+        planes = _padded(frame.planes)
+        gain = _gain(_few_cells(planes[0], frame.zero[0]), gate.cells[0])
+        reach, of_blocks = [], []
+        for c, cells in enumerate(gate.cells):
+            known, contrast = np.isfinite(gate.cell_reach[c]), _contrast(cells)
+            d = np.abs(_summed(planes[c], cells.shape, frame.zero[c]) - gain * cells)
+            sums = np.abs(
+                block_sums(
+                    _summed(planes[c], cells.shape, frame.zero[c]) - gain * cells, _BLOCK_CELLS
+                )
+            )
+            of_block = np.sqrt(block_sums(contrast**2, _BLOCK_CELLS))
+            reach.append(_by_contrast(gate.cell_reach[c], d, contrast, known))
+            known = np.isfinite(gate.block_reach[c])
+            of_blocks.append(_by_contrast(gate.block_reach[c], sums, of_block, known))
+        return replace(gate, cell_reach=tuple(reach), block_reach=tuple(of_blocks))
+
     def changes(self, frame: CodedFrame) -> FrameChange:
         """What moved in a frame; raises ValueError if it has another size."""
         check_same_size("a frame", frame.size, "plate", self.size)
@@ -116,6 +142,24 @@ class Gate:
         moved |= counts >= _MIN_CELLS
         boxes = _boxes(moved, CELL * block, self.size)
         return FrameChange(boxes, gain)
+
+
+def _contrast(cells: Floats32) -> Floats32:
+    """Range of a table over neighboring cells."""
+    high, low = (f(cells, 3) for f in (scipy.ndimage.maximum_filter, scipy.ndimage.minimum_filter))
+    return np.asarray(high - low, np.float32)
+
+
+def _by_contrast(least: Floats32, d: Floats32, contrast: Floats32, known: Bools) -> Floats32:
+    """The reach, at least that of places of like contrast; it rises with contrast."""
+    if np.count_nonzero(known) < 2 * _CONTRAST_CLASSES:
+        return least
+    order = np.argsort(contrast[known])
+    classes = np.array_split(order, _CONTRAST_CLASSES)
+    of_class = [MAD_TO_STD * float(np.median(d[known][one])) for one in classes]
+    at = [float(np.median(contrast[known][one])) for one in classes]
+    std = np.interp(contrast, at, np.maximum.accumulate(of_class))
+    return np.where(known, np.maximum(least, _MAX_STD * std), least).astype(np.float32)
 
 
 def _padded(planes: Planes) -> Planes:

@@ -199,10 +199,9 @@ class _Voter:
 
     def __call__(self, frames: Sequence[LinearImage], index: int) -> list[tuple[DiscColors, float]]:
         (frame,) = coded_frames(frames, slice(None))
-        boxes = self.scene.boxes(frame, index)
-        found = [
-            (streak, crop) for crop in self.scene.crops(frame, boxes) for streak in _streaks(crop)
-        ]
+        scene = self.scene.at(frames, frame, index)
+        boxes = scene.boxes(frame, index)
+        found = [(streak, crop) for crop in scene.crops(frame, boxes) for streak in _streaks(crop)]
         found.sort(key=lambda one: -one[0].evidence)
         votes = (self._vote(*one, frame.size) for one in found[:_STREAKS_PER_FRAME])
         return [vote for vote in votes if vote is not None]

@@ -80,6 +80,10 @@ class Sighting:
         """Whether the frame alone shows that it moved, as in `Motion`."""
         return self.measured.moved
 
+    def mapped(self, points: Callable[[Array], Array]) -> Sighting:
+        """The same in the pixels of another picture, into which a function maps points (n, 2)."""
+        return replace(self, measured=self.measured.mapped(points))
+
     @property
     def rows(self) -> tuple[float, float, float]:
         """Rows of the sensor, from that of the pixel (0, 0): of its center, and of both ends."""

@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.background import Matching
-from blurmatte.checks import Bools, Box, check_kind, check_same_size
+from blurmatte.background import CameraPath, Matching
+from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.streak import check_not_gray
-from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
+from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError, PlateError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
 from blurmatte.motion.clip.detections import (
@@ -34,6 +34,7 @@ from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import (
+    CodedFrame,
     CodedSequence,
     LinearImage,
     check_picture,
@@ -136,16 +137,11 @@ def in_colors_of(
     frames: Sequence[LinearImage], scene: StaticScene, model: ColorModel
 ) -> tuple[ColorModel, MatchedFilter | None]:
     """The model in the colors of the frames, and the filter for its light if it is of one paint."""
-    (first,) = coded_frames(frames, slice(0, 1))
+    camera = scene.camera
+    k = 0 if camera is None else camera.registered[0]
+    (first,) = coded_frames(frames, slice(k, k + 1))
     model = replace(model, to_srgb=first.light((0, 0, 1, 1)).meta.to_srgb)
-    if model.rank > 1:
-        return model, None
-
-    def noisy(box: Box) -> LinearImage:
-        """The first frame in a box, its noise known."""
-        return scene.with_noise(first.light(box), box)
-
-    return model, MatchedFilter.of(scene.plate, noisy, model)
+    return model, scene.at(frames, first, k).filter(first, model)
 
 
 def scene_of(
@@ -154,6 +150,7 @@ def scene_of(
     model: ColorModel,
     hidden: Bools | None = None,
     rate: float | None = None,
+    camera: CameraPath | None = None,
 ) -> StaticScene:
     """The scene of a clip, after a check of what was given."""
     check_picture("plate", plate)
@@ -163,10 +160,11 @@ def scene_of(
     if not frames:
         raise ValueError("frames must be one or more, got none")
     check_picture("a frame", frames[0])
-    check_same_size("a frame", frames[0].size, "plate", plate.size)
+    if camera is None:
+        check_same_size("a frame", frames[0].size, "plate", plate.size)
     if model.rank < 3:
         check_not_gray(frames[0], plate)
-    return StaticScene.of(frames, plate, hidden)
+    return StaticScene.of(frames, plate, hidden, camera)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,9 +187,24 @@ class _Detector:
             if frame is None:
                 found.append(FrameSightings(number, time, (), "it cannot be decoded"))
             else:
-                crops = list(self.scene.crops(frame, self.scene.boxes(frame, index)))
-                found.append(self._detected(number, time, crops))
+                found.append(self._found(frames, frame, index, number, time))
         return found
+
+    def _found(
+        self,
+        frames: Sequence[LinearImage],
+        frame: CodedFrame,
+        index: int,
+        number: int,
+        time: float | None,
+    ) -> FrameSightings:
+        try:
+            scene = self.scene.at(frames, frame, index)
+        except PlateError as error:  # it is not registered
+            return FrameSightings(number, time, (), str(error))
+        color = self.color if scene is self.scene else scene.filter(frame, self.model)
+        own = replace(self, scene=scene, color=color)
+        return own._detected(number, time, list(scene.crops(frame, scene.boxes(frame, index))))
 
     def _detected(self, number: int, time: float | None, crops: Sequence[Crop]) -> FrameSightings:
         parts = self._parts(crops)

@@ -4,14 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from blurmatte.background import max_coded_samples, plate_for_clip
+from blurmatte.background import (
+    CameraMotionError,
+    CameraPath,
+    CutError,
+    camera_path,
+    camera_path_after,
+    looks_alike,
+    max_coded_samples,
+    plate_for_clip,
+    plate_on_canvas,
+)
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, Floats, check_map, rows_columns
+from blurmatte.color.model import ColorModel
+from blurmatte.errors import PlateError
 from blurmatte.motion.clip.frames import gain_of, noise_of, times_gain
+from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import (
     CodedFrame,
@@ -50,7 +64,7 @@ class Crop:
 
 @dataclass(frozen=True, eq=False)
 class StaticScene:
-    """What the frames of a clip of a fixed camera have in common besides the objects.
+    """What the frames of a clip have in common besides the objects.
 
     Parameters
     ----------
@@ -68,6 +82,8 @@ class StaticScene:
         blocks of the plate, so that the measured noise is less.
     surveyed : mapping of int to tuple of (x0, y0, x1, y1)
         Boxes around what moved in the frames that were compared with the plate, by their indices.
+    camera : CameraPath, optional
+        Of a camera that moves: the plate is on its canvas, and `at` gives the scene of a frame.
     """
 
     plate: LinearImage
@@ -77,15 +93,22 @@ class StaticScene:
     hidden: Bools | None = None
     coding: CodingErrors | None = None
     surveyed: Mapping[int, tuple[Box, ...]] = field(default_factory=dict)
+    camera: CameraPath | None = None
 
     @classmethod
     def of(
-        cls, frames: Sequence[LinearImage], plate: LinearImage, hidden: Bools | None = None
+        cls,
+        frames: Sequence[LinearImage],
+        plate: LinearImage,
+        hidden: Bools | None = None,
+        camera: CameraPath | None = None,
     ) -> StaticScene:
         """The scene of a clip and its plate; unknown noise is measured in the first frame.
 
         Raises ValueError if what is hidden is not a mask of the size of the frames.
         """
+        if camera is not None:
+            return cls._seen_by(camera, frames, plate, hidden)
         if hidden is not None:
             check_map("occluder", hidden, plate.valid.shape, kinds="b")
             plate = replace(plate, valid=plate.valid & ~hidden)
@@ -98,6 +121,42 @@ class StaticScene:
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
         return cls(plate, few, _of_each_channel(first), gate, hidden, coding)
+
+    @classmethod
+    def _seen_by(
+        cls,
+        camera: CameraPath,
+        frames: Sequence[LinearImage],
+        plate: LinearImage,
+        hidden: Bools | None,
+    ) -> StaticScene:
+        """The scene of a camera that moves; the gate is that of the frame in the middle."""
+        if hidden is not None:
+            check_map("occluder", hidden, camera.size[::-1], kinds="b")
+        k = camera.registered[len(camera.registered) // 2]
+        first = frames[k]
+        first = replace(first, meta=replace(first.meta, coding=None))
+        _, plate = with_noise(first, plate) if plate.noise is None else (first, plate)
+        first, seen = with_noise(first, camera.plate_at(k, plate))
+        (one,) = coded_frames(frames, slice(k, k + 1))
+        own = cls(seen, seen, _of_each_channel(first), _gate(frames, one, seen, hidden), hidden)
+        return replace(own, plate=plate, camera=camera)
+
+    def at(self, frames: Sequence[LinearImage], frame: CodedFrame, index: int) -> StaticScene:
+        """The scene as the frame with this index shows it; `frames` have its code values.
+
+        Raises PlateError if the frame could not be registered.
+        """
+        if self.camera is None:
+            return self
+        plate = self.camera.plate_at(index, self.plate)
+        if self.hidden is not None:
+            plate = replace(plate, valid=plate.valid & ~self.hidden)
+        known = index in self.surveyed
+        gate = self.gate if known else _gate(frames, frame, plate, self.hidden)
+        grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
+        few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
+        return replace(self, plate=plate, few=few, gate=gate, camera=None)
 
     def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
         """Around each part that moved in the frame with this index."""
@@ -113,6 +172,17 @@ class StaticScene:
             coding = FrameCoding(lambda: self.coding, box[:2])
             image = replace(image, meta=replace(image.meta, coding=coding))
             yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
+
+    def filter(self, frame: CodedFrame, model: ColorModel) -> MatchedFilter | None:
+        """The filter for light of a color in frames with the noise of one; None for several paints."""
+        if model.rank > 1:
+            return None
+
+        def noisy(box: Box) -> LinearImage:
+            """The frame in a box, its noise known."""
+            return self.with_noise(frame.light(box), box)
+
+        return MatchedFilter.of(self.plate, noisy, model)
 
     def hidden_in(self, box: Box) -> Bools | None:
         """What is hidden in a box; None for nothing."""
@@ -152,21 +222,43 @@ def _of_each_channel(frame: LinearImage) -> Noise | Floats:
     return noise.times(1 / 3) if isinstance(noise, Noise) else noise / 3
 
 
-def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
-    """The plate of a clip, from frames all over it."""
+def _gate(
+    frames: Sequence[LinearImage], frame: CodedFrame, plate: LinearImage, hidden: Bools | None
+) -> Gate:
+    """The gate of one frame and the plate that it shows."""
+    unknown = ~plate.valid if hidden is None else hidden | ~plate.valid
+    return Gate.of_frame(in_codes_of(frames, plate), frame, unknown)
+
+
+def clip_plate(frames: Sequence[LinearImage]) -> tuple[LinearImage, CameraPath | None]:
+    """The plate of a clip, from frames all over it, and the path of its camera if that moves."""
     most = PLATE_FRAMES
     if len(frames):
         first = next(coded_frames(frames, slice(0, 1)))
         if first.light_bytes:
             most = min(most, max_coded_samples(math.prod(first.size), first.light_bytes))
-    plate = plate_for_clip(frames[:: -(-len(frames) // most) or 1])
+    camera = None
+    try:
+        plate = plate_for_clip(frames[:: -(-len(frames) // most) or 1])
+    except (CameraMotionError, CutError) as error:
+        camera = camera_path_after(frames, error)
+        plate = plate_on_canvas(frames, camera, most).plate
     trim_memory()  # of the frames
-    return plate
+    return plate, camera
+
+
+def path_before(plate: LinearImage, frames: Sequence[LinearImage]) -> CameraPath | None:
+    """Where the frames look on a plate that was given; None if they all look where it does."""
+    size = frames[0].size
+    if size == plate.size:
+        return None if looks_alike(plate, frames) else camera_path(frames, plate)
+    larger = all(w <= P for P, w in zip(plate.size, size, strict=True))
+    return camera_path(frames, plate) if larger else None
 
 
 def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> StaticScene:
     """The scene with what moved in each frame of a clip that can be decoded."""
-    found = successes(workers.over(frames, _Survey(scene.gate), parts_of(frames, workers)))
+    found = successes(workers.over(frames, _Survey(scene), parts_of(frames, workers)))
     return replace(scene, surveyed={k: boxes for part in found for k, boxes in part.items()})
 
 
@@ -174,8 +266,12 @@ def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) 
 class _Survey:
     """Changes of the frames of a task."""
 
-    gate: Gate
+    scene: StaticScene
 
     def __call__(self, frames: Sequence[LinearImage], first: int) -> dict[int, tuple[Box, ...]]:
-        each = enumerate(each_coded(frames), first)
-        return {k: self.gate.changes(frame).boxes for k, frame in each if frame is not None}
+        found = dict[int, tuple[Box, ...]]()
+        for k, frame in enumerate(each_coded(frames), first):
+            if frame is not None:
+                with suppress(PlateError):  # it is not registered
+                    found[k] = self.scene.at(frames, frame, k).gate.changes(frame).boxes
+        return found

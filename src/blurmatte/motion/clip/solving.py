@@ -6,10 +6,11 @@ import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from blurmatte.background import Matching
+from blurmatte.background import CameraPath, Matching
 from blurmatte.checks import Array, Bools, Box, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
@@ -71,6 +72,15 @@ class Wanted:
         points = self.prior.path.points
         return np.asarray(points[2] - points[0])
 
+    def seen_by(self, camera: CameraPath) -> Wanted:
+        """The same in the pixels of the frame, from those of the canvas of a camera that moves."""
+        one = self.row.sighting
+        if one is None:
+            return self
+        points = partial(camera.to_frame, self.index)
+        prior = self.prior and self.prior.mapped(points, one.measured.center)
+        return replace(self, row=replace(self.row, sighting=one.mapped(points)), prior=prior)
+
     def stretched(self, shutter: RollingShutter, own: Stretch | None) -> Wanted:
         """The same with a camera, and the stretch that the frame alone measures."""
         if self.prior is None:
@@ -116,12 +126,27 @@ class FrameSolver:
             The frame alone.
         wanted : Wanted
         """
-        (frame,) = coded_frames(frames, slice(None))
         try:
-            crop, solution = self.solved(frame, wanted)
+            frame, own, wanted = self._of_frame(frames, wanted)
+            crop, solution = own.solved(frame, wanted)
         except BlurmatteError as error:
             return str(error)
         return solution.in_picture(crop.box, frame.size)
+
+    def _of_frame(
+        self, frames: Sequence[LinearImage], wanted: Wanted
+    ) -> tuple[CodedFrame, FrameSolver, Wanted]:
+        """A frame given alone, and solver and object in its own pixels if the camera moves.
+
+        Raises PlateError if it could not be registered.
+        """
+        (frame,) = coded_frames(frames, slice(None))
+        camera = self.scene.camera
+        if camera is None:
+            return frame, self, wanted
+        scene = self.scene.at(frames, frame, wanted.index)
+        own = replace(self, scene=scene, color=scene.filter(frame, self.model))
+        return frame, own, wanted.seen_by(camera)
 
     def solved(self, frame: CodedFrame, wanted: Wanted) -> tuple[Crop, Solution]:
         """The crop around the object, and its solution there.
@@ -168,8 +193,8 @@ class FrameSolver:
 
     def stretch(self, frames: Sequence[LinearImage], wanted: Wanted) -> Stretch | None:
         """Stretch of the disc in a frame given alone, and its covariance; None if it shows none."""
-        (frame,) = coded_frames(frames, slice(None))
-        crop, streak, start, prior = self._prepared(frame, wanted)
+        frame, own, wanted = self._of_frame(frames, wanted)
+        crop, streak, start, prior = own._prepared(frame, wanted)
         if streak is None or prior is None:
             return None
         try:
@@ -213,9 +238,9 @@ class FrameSolver:
 
         None for a frame that contradicts the others.
         """
-        (frame,) = coded_frames(frames, slice(None))
+        frame, own, wanted = self._of_frame(frames, wanted)
         try:
-            crop, streak, start, prior = self._prepared(frame, wanted)
+            crop, streak, start, prior = own._prepared(frame, wanted)
             if prior is None:
                 return None
             with _without_warnings():
@@ -224,7 +249,7 @@ class FrameSolver:
                     streak=streak,
                     start=start,
                     prior=prior,
-                    occluder=self.scene.hidden_in(crop.box),
+                    occluder=own.scene.hidden_in(crop.box),
                 )
         except BlurmatteError:
             return None

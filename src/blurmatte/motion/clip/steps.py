@@ -8,9 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TypeVar
 
-from blurmatte.background import ClipShot, find_shots, thumbnail
+from blurmatte.background import (
+    CameraPath,
+    ClipShot,
+    find_shots,
+    joined_shots,
+    show_one_scene,
+    thumbnail,
+)
 from blurmatte.background.shots import Thumbnail
 from blurmatte.checks import Bools, Direction, check_kind
 from blurmatte.color.model import ColorModel
@@ -24,7 +32,7 @@ from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
 from blurmatte.motion.clip.progress import LOG, logged
-from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
+from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
     Wanted,
@@ -41,7 +49,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, eq=False)
 class ClipInputs:
-    """Frames of a fixed camera, and what is known of them.
+    """Frames of a camera, at rest or in the hand, and what is known of them.
 
     Parameters
     ----------
@@ -87,9 +95,20 @@ class ClipInputs:
         frames = self.frames
         return frames.frame_numbers if isinstance(frames, ClipFrames) else range(len(frames))
 
-    def linked(self, seen: Sequence[FrameSightings]) -> list[FrameMotion]:
-        """The table of the clip."""
+    def linked(
+        self, seen: Sequence[FrameSightings], camera: CameraPath | None
+    ) -> list[FrameMotion]:
+        """The table of the clip; in pixels of the canvas if the camera moves."""
+        if camera is not None:
+            index_of = {number: index for index, number in enumerate(self.numbers)}
+            seen = [_on_canvas(one, camera, index_of[one.frame]) for one in seen]
         return link_objects(seen, self.min_frames) if self.several else link_sightings(seen)
+
+
+def _on_canvas(one: FrameSightings, camera: CameraPath, index: int) -> FrameSightings:
+    """The detections of a frame in pixels of the canvas."""
+    points = partial(camera.to_canvas, index)
+    return replace(one, found=tuple(sighting.mapped(points) for sighting in one.found))
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,12 +119,16 @@ class ClipMeasured:
     ----------
     clip : ClipInputs
     plate : LinearImage
+        If the camera moves, on its canvas.
     rows : list of FrameMotion
+        Places in pixels of the plate.
     scene : StaticScene or None
         None if all solutions exist.
     model : ColorModel or None
     colors : (ColorModel, MatchedFilter or None) or None
         The model in the colors of the frames, and the filter for its light.
+    camera : CameraPath, optional
+        Of a camera that moves.
     """
 
     clip: ClipInputs
@@ -114,6 +137,23 @@ class ClipMeasured:
     scene: StaticScene | None = None
     model: ColorModel | None = None
     colors: tuple[ColorModel, MatchedFilter | None] | None = None
+    camera: CameraPath | None = None
+
+    @property
+    def in_frames(self) -> list[FrameMotion]:
+        """The rows with places in pixels of their frames."""
+        camera = self.camera
+        if camera is None:
+            return self.rows
+        index_of = {number: index for index, number in enumerate(self.clip.numbers)}
+        return [
+            row
+            if row.sighting is None
+            else replace(
+                row, sighting=row.sighting.mapped(partial(camera.to_frame, index_of[row.frame]))
+            )
+            for row in self.rows
+        ]
 
     @property
     def color(self) -> ColorModel:
@@ -139,7 +179,8 @@ def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[ClipShot]:
     LOG.info("finding the shots")
     step = next(coded_frames(frames, slice(0, 1))).step
     parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
-    return find_shots((one for part in parts for one in part), step)
+    shots = find_shots((one for part in parts for one in part), step)
+    return joined_shots(shots, lambda a, b: show_one_scene(frames[a], frames[b]))
 
 
 def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail | None]:
@@ -166,13 +207,15 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
     frames, plate, model, seen = clip.frames, clip.plate, clip.model, list(clip.finished)
     if plate is None:
         LOG.info("making the plate")
-        plate = clip_plate(frames)
+        plate, camera = clip_plate(frames)
+    else:
+        camera = path_before(plate, frames)
     if clip.written is not None and len(seen) == len(frames):
-        rows = clip.linked(seen)
+        rows = clip.linked(seen, camera)
         if all(row.place in clip.written for row in rows_to_solve(rows, model is None)):
-            yield ClipMeasured(clip, plate, rows)
+            yield ClipMeasured(clip, plate, rows, camera=camera)
             return
-    scene = scene_of(frames, plate, model or ColorModel.any(), clip.hidden, clip.rate)
+    scene = scene_of(frames, plate, model or ColorModel.any(), clip.hidden, clip.rate, camera)
     if model is None:
         LOG.info("finding the color")
         scene = survey(frames, scene, workers)
@@ -188,7 +231,8 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
     for one in logged(new, "measuring", len(frames) - len(seen)):
         seen.append(one)
         yield one
-    yield ClipMeasured(clip, plate, clip.linked(seen), scene, model, colors)
+    rows = clip.linked(seen, camera)
+    yield ClipMeasured(clip, plate, rows, scene, model, colors, camera)
 
 
 def _color(clip: ClipInputs, scene: StaticScene, workers: Workers) -> ColorModel:

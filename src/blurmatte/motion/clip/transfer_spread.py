@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from blurmatte.background import CameraPath
 from blurmatte.errors import BlurmatteError
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.radiometry import LinearImage
@@ -25,11 +26,14 @@ def radius_spread(
     plate: LinearImage,
     rows: Sequence[FrameMotion],
     numbers: Iterable[int] | None = None,
+    camera: CameraPath | None = None,
 ) -> float:
     """Relative standard deviation of the radius over the curves; 0 if no frame shows it.
 
     frames, plate: decoded with the curve that was assumed.
+    rows: places in pixels of the frames.
     numbers: of the frames, 0, 1, … if not given.
+    camera: of one that moves, on whose canvas the plate is.
     """
     places = {k: i for i, k in enumerate(range(len(frames)) if numbers is None else numbers)}
     whole = [(r.frame, r.sighting) for r in rows if r.sighting is not None and r.sighting.is_whole]
@@ -37,7 +41,13 @@ def radius_spread(
         return 0.0
     inner = (np.arange(_FRAMES) + 0.5) * len(whole) / _FRAMES  # off the ends, which may be cut
     some = [whole[k] for k in inner.astype(int)]
-    found = [_log_radii(frames[places[k]], plate, one) for k, one in dict(some).items()]
+
+    def behind(k: int) -> LinearImage:
+        """The plate of a frame."""
+        return plate if camera is None else camera.plate_at(k, plate)
+
+    at = ((places[k], one) for k, one in dict(some).items())
+    found = [_log_radii(frames[k], behind(k), one) for k, one in at]
     known = [radii for radii in found if radii is not None]
     return float(np.sqrt(np.mean(np.mean(known, axis=0) ** 2))) if known else 0.0
 

@@ -17,7 +17,7 @@ ECCV 2006, has the camera model.]
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -34,7 +34,7 @@ from blurmatte.checks import (
 from blurmatte.errors import MotionError
 from blurmatte.motion.picture.error_budget import check_std
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.trajectory import Trajectory
+from blurmatte.trajectory import Trajectory, derivative
 
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
 MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact
@@ -385,6 +385,34 @@ class Motion:
         values = self.values.copy()
         values[:2] += corner
         return replace(self, trajectory=Trajectory(path.xy + corner, path.t), values=values)
+
+    def mapped(self, points: Callable[[Array], Array]) -> Motion:
+        """The same in the pixels of another picture, into which a function maps points (n, 2).
+
+        Near the object the function is linear: path, size and their errors follow its derivative.
+        """
+        center = self.values[:2]
+        J = derivative(points, center)
+        angle = float(self.values[_ANGLE])
+        along = J @ [np.cos(angle), np.sin(angle)]
+        area, longer = abs(float(np.linalg.det(J))), float(np.hypot(*along))
+        size = float(np.sqrt(area))
+        by = {"length": longer, "top_speed": longer, "width": size, "radius": size, "area": area}
+        D = np.diag([by.get(name, 1.0) for name in QUANTITIES])
+        D[:2, :2], D[_ANGLE, _ANGLE] = J, area / longer**2
+        values = D @ self.values
+        values[:2], values[_ANGLE] = points(center[None])[0], np.arctan2(along[1], along[0])
+        more, V = self.acceleration, self.acceleration_covariance
+        return replace(
+            self,
+            trajectory=Trajectory(points(self.trajectory.xy), self.trajectory.t),
+            values=values,
+            covariance=D @ self.covariance @ D.T,
+            speeds=longer * self.speeds,
+            speeds_std=longer * self.speeds_std,
+            acceleration=None if more is None else J @ more,
+            acceleration_covariance=None if V is None else J @ V @ J.T,
+        )
 
     def with_errors_times(self, place: float, path: float, size: float) -> Motion:
         """The same with larger errors: of the place, of the path, and of the size, by these factors."""

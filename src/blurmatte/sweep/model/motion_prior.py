@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ import scipy
 
 from blurmatte.checks import Array
 from blurmatte.sweep.model.path import PathFamily
+from blurmatte.trajectory import derivative
 
 _TIMES = np.array([0.0, 0.5, 1.0])  # of a path's points, exposures
 _MIN_LEARNED = 1e-6  # of the prior's variance: of less the picture says nothing
@@ -32,6 +34,11 @@ class PathPrior:
     def shifted(self, by: Array) -> PathPrior:
         """The same moved by (x, y)."""
         return replace(self, points=self.points + by)
+
+    def mapped(self, points: Callable[[Array], Array]) -> PathPrior:
+        """The same in the pixels of another picture, into which a function maps points (n, 2)."""
+        J = np.kron(np.eye(len(_TIMES)), derivative(points, self.points[1]))
+        return PathPrior(points(self.points), J @ self.covariance @ J.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +83,14 @@ class MotionPrior:
     def shifted(self, by: Array) -> MotionPrior:
         """The same moved by (x, y)."""
         return self if self.path is None else replace(self, path=self.path.shifted(by))
+
+    def mapped(self, points: Callable[[Array], Array], center: Array) -> MotionPrior:
+        """The same of an object at a center (2,), in the pixels of another picture."""
+        size = float(np.sqrt(abs(np.linalg.det(derivative(points, center)))))
+        path = None if self.path is None else self.path.mapped(points)
+        return replace(
+            self, radius=size * self.radius, radius_std=size * self.radius_std, path=path
+        )
 
     @property
     def of_silhouette(self) -> MotionPrior:

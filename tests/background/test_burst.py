@@ -1,0 +1,66 @@
+"""burst_plate: the plate of a shot from the hand, of other shots with the object elsewhere."""
+
+import numpy as np
+import pytest
+from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
+
+from blurmatte.background import burst_plate
+from blurmatte.radiometry import LinearImage
+
+SIZE = (192, 120)
+VIEWS = [similarity(SIZE, -6.3, 4.1, 1.004, 0.01), similarity(SIZE), similarity(SIZE, 7.7, -3.4)]
+GAINS = np.array([[1.06, 1.04, 0.98], [1, 1, 1], [0.95, 0.96, 1]])
+
+
+@pytest.fixture(scope="module")
+def points():
+    return fine_scene((230, 150))
+
+
+@pytest.fixture(scope="module")
+def shots(points):
+    def shot(k):
+        start = np.array([40.0 + 45 * k, 60])
+        rendering = with_ball(
+            shown(points, SIZE, VIEWS[k]), VIEWS[k], start, start + np.array([20, -8])
+        )
+        return noisy(rendering.image.rgb * GAINS[k], k)
+
+    return [shot(k) for k in range(3)]
+
+
+def test_plate_of_two_other_shots_is_the_scene_without_the_object(points, shots):
+    # honest
+    plate, matches = burst_plate(shots[1], [shots[0], shots[2]])
+    true = shown(points, SIZE, VIEWS[1])
+    inside = np.s_[12:-12, 12:-12]
+    valid = plate.valid[inside]
+    assert valid.mean() > 0.97
+    z = ((plate.rgb - true) / np.sqrt(plate.noise))[inside][valid]
+    assert np.sqrt(np.mean(z**2)) < 1.6
+    assert np.abs(plate.rgb - true)[inside][valid].max() < 0.06  # the ball differs by up to 0.6
+    assert [match.moves for match in matches] == [True, True]
+
+
+def test_place_that_the_object_hides_in_all_shots_is_not_known(points):
+    scene = shown(points, SIZE, VIEWS[1])
+    lights = [scene.copy() for _ in range(3)]
+    for k, light in enumerate(lights):
+        light[40:80, 80:120] = np.eye(3)[k]
+    image, *plates = (noisy(light, k) for k, light in enumerate(lights))
+    plate, _ = burst_plate(image, plates)
+    assert not plate.valid[44:76, 84:116].any()
+    assert plate.valid[:36].mean() > 0.97
+
+
+def test_single_plate_is_refused(shots):
+    # door
+    with pytest.raises(ValueError, match="plates must be two or more, got 1; use match_plate"):
+        burst_plate(shots[0], shots[1:2])
+
+
+def test_shot_of_another_size_is_refused(shots):
+    # door
+    small = LinearImage(shots[0].rgb[:100])
+    with pytest.raises(ValueError, match="size"):
+        burst_plate(shots[1], [shots[0], small])

@@ -1,0 +1,162 @@
+"""register_frames, and plate, parallax and refusals of a camera that moves."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tests.handheld import fine_scene, noisy, shown, similarity
+
+from blurmatte.background import camera_path, make_plate, parallax_between
+from blurmatte.background.registration import register_frames, show_one_scene
+from blurmatte.background.warp import Warp, composed, inverse
+from blurmatte.errors import PlateError
+from blurmatte.explain import explain
+from blurmatte.radiometry import LinearImage
+
+SIZE = (192, 120)
+SHAKEN = [
+    similarity(SIZE, *at, zoom, turn)
+    for at, zoom, turn in (
+        ((0, 0), 1, 0),
+        ((19, -17), 1.01, 0.01),
+        ((-20, 12), 1, -0.012),
+        ((4, 20), 0.985, 0),
+        ((-9.3, -6.7), 1.015, 0.006),
+    )
+]
+
+
+@pytest.fixture(scope="module")
+def points():
+    return fine_scene((300, 200))
+
+
+@pytest.fixture(scope="module")
+def shaken(points):
+    return [noisy(shown(points, SIZE, h), k) for k, h in enumerate(SHAKEN)]
+
+
+@pytest.fixture(scope="module")
+def fit(shaken):
+    return make_plate(shaken)
+
+
+def errors(path, views, lens=0.0):
+    """(n,) root mean square error of the places that each frame shows, pixels."""
+    x, y = np.meshgrid(np.linspace(0, SIZE[0] - 1, 6), np.linspace(0, SIZE[1] - 1, 4))
+    xy, back = np.stack([x, y], axis=-1).reshape(-1, 2), inverse(views[path.reference])
+    true = [Warp(composed(h, back), SIZE, lens).points(xy) for h in views]
+    found = [view.points(xy) for view in path.views]
+    return [float(np.sqrt(np.mean((a - b) ** 2))) for a, b in zip(found, true, strict=True)]
+
+
+def test_places_of_a_camera_that_shakes_by_20_pixels_are_found_to_a_twentieth_of_a_pixel(shaken):
+    # exact
+    path = register_frames(shaken)
+    assert path.lens == 0
+    assert path.reference == 2
+    assert max(errors(path, SHAKEN)) < 0.05
+
+
+def test_what_moves_in_the_scene_does_not_move_the_camera(shaken):
+    # invariant
+    frames = [LinearImage(frame.rgb.copy()) for frame in shaken]
+    for k, frame in enumerate(frames):  # a tenth of the picture
+        frame.rgb[30 + 8 * k : 70 + 8 * k, 30 + 20 * k : 85 + 20 * k] = (0.5, 0.2, 0.1)
+    assert max(errors(register_frames(frames), SHAKEN)) < 0.05
+
+
+def test_exposure_and_white_balance_may_change_from_frame_to_frame(shaken):
+    # invariant
+    gains = np.random.default_rng(1).uniform(0.8, 1.2, (len(shaken), 3))
+    frames = [LinearImage(f.rgb * g.astype(np.float32)) for f, g in zip(shaken, gains, strict=True)]
+    assert max(errors(register_frames(frames), SHAKEN)) < 0.05
+
+
+def test_lens_of_a_pan_is_found(points):
+    # exact
+    views = [similarity(SIZE, x) for x in np.linspace(-32, 32, 5)]
+    frames = [noisy(shown(points, SIZE, h, -0.05), k) for k, h in enumerate(views)]
+    path = register_frames(frames)
+    assert path.lens == pytest.approx(-0.05, abs=0.015)
+    assert max(errors(path, views, -0.05)) < 0.3
+
+
+def test_plate_holds_all_that_the_frames_show_within_its_error(points, fit):
+    # honest
+    canvas = fit.camera.canvas
+    assert all(large > small for large, small in zip(fit.plate.size, SIZE, strict=True))
+    h = SHAKEN[fit.camera.reference]
+    for h_true, k in ((h, fit.camera.reference), (SHAKEN[0], 0)):
+        seen = fit.camera.plate_at(k, fit.plate)
+        assert seen.valid.mean() > 0.85
+        z = (seen.rgb - shown(points, SIZE, h_true))[seen.valid] / np.sqrt(seen.noise[seen.valid])
+        assert np.sqrt(np.mean(z**2)) < 1.6
+        assert np.mean(np.abs(z) < 3) > 0.95
+    x, y = canvas.origin
+    assert not fit.plate.valid[0, 0]
+    assert min(x, y) < 0
+
+
+def test_places_on_the_canvas_and_in_a_frame_are_inverse(fit):
+    # exact
+    xy = np.array([[3.0, 5.0], [150.0, 100.0]])
+    assert_allclose(fit.camera.to_frame(1, fit.camera.to_canvas(1, xy)), xy, atol=1e-9)
+
+
+def test_words_state_the_motion_and_the_frames_that_are_not_registered(shaken):
+    # door
+    other = noisy(shown(fine_scene((200, 130), seed=9, tile=12), SIZE, SHAKEN[0]), 7)
+    fog = LinearImage(np.full_like(shaken[0].rgb, shaken[0].rgb.mean()))
+    fit = make_plate([*shaken[:2], other, *shaken[2:], fog])
+    assert [k for k, _ in fit.camera.unregistered] == [2, 6]
+    said = " ".join(explain(fit))
+    assert "The camera moves: 5 of 7 frames are registered to frame 3" in said
+    assert "Frame 2 is not registered: it does not look like the frames before" in said
+    assert "Frame 6 is not registered: " in said
+    with pytest.raises(PlateError, match="the camera moved, and the frame is not registered"):
+        fit.camera.plate_at(2, fit.plate)
+
+
+def test_frames_of_different_scenes_are_refused(shaken):
+    # door
+    others = [
+        noisy(shown(fine_scene((200, 130), seed, tile=12), SIZE, SHAKEN[0]), seed)
+        for seed in (5, 6, 7, 8)
+    ]
+    with pytest.raises(PlateError, match="only 1 of 4 frames show one scene from one place"):
+        register_frames(others)
+    assert show_one_scene(*shaken[:2])
+    assert not show_one_scene(*others[:2])
+
+
+def test_frames_are_registered_to_a_plate_that_was_given(shaken, fit):
+    # oracle
+    path = camera_path(shaken[:2], fit.plate)
+    xy = np.array([[20.0, 30.0], [170.0, 100.0]])
+    for k in range(2):
+        assert_allclose(path.to_canvas(k, xy), fit.camera.to_canvas(k, xy), atol=0.05)
+
+
+def test_parallax_is_where_another_depth_is(points):
+    # exact
+    near = fine_scene((300, 200), seed=8, tile=10)
+    column = np.zeros((*near.shape[:2], 1))
+    column[:, 330:570] = 1  # 80 pixels wide: x from 56 to 136 in the middle frame
+    frames = []
+    for k, x in enumerate(np.linspace(-20, 20, 6)):
+        far, close = similarity(SIZE, x), similarity(SIZE, 1.15 * x)
+        mask = shown(column, SIZE, close)
+        light = (1 - mask) * shown(points, SIZE, far) + mask * shown(near, SIZE, close)
+        frames.append(noisy(light, k))
+    path = camera_path(frames)
+    (region,) = path.parallax
+    x0, _, x1, _ = region.box
+    assert 1.15 * 0.15 * 8 > region.shift > 0.6
+    first = -path.canvas.origin[0]
+    assert first + 56 - 32 <= x0 < x1 <= first + 136 + 32
+
+
+def test_scene_without_depth_has_no_parallax(fit, shaken):
+    assert fit.camera.parallax == ()
+    seen = fit.camera.plate_at(0, fit.plate)
+    assert parallax_between(shaken[0], seen) == []
