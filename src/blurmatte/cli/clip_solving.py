@@ -139,13 +139,13 @@ def solve_clip(
     folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
     check_folder(folder)
     return_freed_memory()
-    colors, reading = selection.colors, selection.reading
+    colors, reading, given = selection.colors, selection.reading, plate.of_clip
     with about(Path(images[0])):
         frames = reading.frames(images, options.frames)
         run = bm.ClipRun(
-            given_files(images, plate.of_clip, occluder, *(colors.color or ())),
+            given_files(images, given, occluder, *(colors.color or ())),
             frames,
-            None if plate.of_clip is None else reading.read(plate.of_clip),
+            None if given is None else reading.read(given),
             _model(colors),
             options.several,
             _extension(out, options),

@@ -309,7 +309,7 @@ def measure_clip(
     -------
     list of FrameMotion
         One for each frame, including those without a detection; for several objects one for each in
-        the frame.
+        the frame. Places are in pixels of the frames.
 
     Raises
     ------
@@ -322,7 +322,7 @@ def measure_clip(
     """
     clip = ClipInputs(_sited(frames, plate), plate, model, several, rate=rate)
     with shared(workers) as processes:
-        return whole(measured(clip, processes)).rows
+        return whole(measured(clip, processes)).in_frames
 
 
 def solve_clip(
