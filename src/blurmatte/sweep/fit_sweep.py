@@ -253,7 +253,7 @@ def _in_likelier_light(
     if is_known_disc(found.observation):
         if hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
             return found
-    elif hypothesis_scores(in_both(_again(found.best, in_light)))[1] > _MAX_SCORE_IN_LIGHT:
+    elif hypothesis_scores(in_both(evidence_again(found.best, in_light)))[1] > _MAX_SCORE_IN_LIGHT:
         return found
     other = fit_before(lighting.on(found.plate), rest)
     if not lighting.is_possible(other.best.alpha):
@@ -262,7 +262,7 @@ def _in_likelier_light(
     return other if weight > _MIN_LIGHT_WEIGHT else found
 
 
-def _again(sweep: Sweep, observation: Observation) -> Evidence:
+def evidence_again(sweep: Sweep, observation: Observation) -> Evidence:
     """The evidence for a sweep fitted again to another observation, without its shadow."""
     start = state_at(observation, sweep.family, sweep.path, sweep.silhouette, sweep.shape)
     bounds = start.radius / 2, 2 * start.radius
