@@ -60,7 +60,7 @@ from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
-from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.state import State, state_at
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import curve_covariance, with_unstated_curves
@@ -78,6 +78,8 @@ _MIN_LOSS = 0.02
 # Of a streak in that light: a smaller one justifies a search
 _MAX_REMAINING_FRACTION = 0.9
 _MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
+# Score, in that light, of the likeliest fitted again: other shapes seldom gain as much
+_MAX_SCORE_IN_LIGHT = 50.0
 _MIN_REFINED_WEIGHT = 1e-3  # weight of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
@@ -252,18 +254,28 @@ def _in_likelier_light(
     lighting, rest = lit
     before, in_light = found.best_evidence(observation), lighting.lit(observation)
 
-    def weight(of: Hypotheses) -> float:
-        """Of hypotheses in that light, against those found."""
-        after = of.best_evidence(in_light)
-        after = replace(after, cost=after.cost + lighting.cost)
-        return float(hypothesis_weights([before, after])[1])
+    def in_both(evidence: Evidence) -> list[Evidence]:
+        """Of those found, and of others in that light."""
+        return [before, replace(evidence, cost=evidence.cost + lighting.cost)]
 
-    if is_known_disc(found.observation) and weight(found) < 0.5:
+    if is_known_disc(found.observation):
+        if hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
+            return found
+    elif hypothesis_scores(in_both(evidence_again(found.best, in_light)))[1] > _MAX_SCORE_IN_LIGHT:
         return found
     other = fit_before(lighting.on(found.plate), rest)
     if not lighting.is_possible(other.best.alpha):
         return found
-    return other if weight(other) > _MIN_LIGHT_WEIGHT else found
+    weight = hypothesis_weights(in_both(other.best_evidence(in_light)))[1]
+    return other if weight > _MIN_LIGHT_WEIGHT else found
+
+
+def evidence_again(sweep: Sweep, observation: Observation) -> Evidence:
+    """The evidence for a sweep fitted again to another observation, without its shadow."""
+    start = state_at(observation, sweep.family, sweep.path, sweep.silhouette, sweep.shape)
+    bounds = start.radius / 2, 2 * start.radius
+    state = minimize(with_principal_axes(start), bounds, MAX_STEPS, ROUGH_TOLERANCE)
+    return _evidence(observation, Candidate(state))
 
 
 def _lighting_of(

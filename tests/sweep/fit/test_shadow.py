@@ -100,6 +100,18 @@ def test_disc_and_shadow_are_found_together(offset):
     assert disc.cost < alone.cost
 
 
+def test_the_search_for_a_shadow_ends_where_there_is_none(monkeypatch):
+    """cost: rounds that gain nothing are not repeated up to their limit."""
+    _, observation = observed(replace(BALL, shadow=None), seed=0)
+    disc = minimize(true_disc(observation), BOUNDS)
+    fits = []
+    monkeypatch.setattr(
+        "blurmatte.sweep.fit.shadow.fit_cast", lambda *at: fits.append(at) or fit_cast(*at)
+    )
+    assert fit_with_shadow(disc, search_of(observation)) is None
+    assert 2 <= len(fits) <= 8  # of two starts with up to ten rounds each
+
+
 def test_the_disc_is_in_the_observation_with_its_shadow():
     """exact"""
     _, observation = observed(BALL, 1)

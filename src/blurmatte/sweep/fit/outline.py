@@ -24,7 +24,7 @@ from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
 # Radius of a disc on large pixels, with a sharp and with a soft rim
-_COARSE_RADIUS_PX = 8.0
+_COARSE_RADIUS_PX = 5.0
 _SOFT_COARSE_RADIUS_PX = 4.0
 _FIRST_ORDER = 6  # of the outlines that all searches start with
 # Tried on large pixels from the best outline, and on small pixels in turn

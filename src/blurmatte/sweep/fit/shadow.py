@@ -115,16 +115,20 @@ def _restarted(
 def _alternated(
     disc: State, cast: CastShadow | None, bounds: tuple[float, float], rounds: int
 ) -> tuple[State, CastShadow]:
-    """Fit shadow and disc in turn until both converge; the disc's plate is in the shadow."""
-    plain = disc.observation
-    for _ in range(rounds):
+    """Fit shadow and disc in turn until the cost falls no more; the disc's plate is in the shadow."""
+    plain, found = disc.observation, (disc, cast)
+    for turn in range(rounds):
         cast = fit_cast(plain, disc, cast)
         shaded = with_principal_axes(disc.relit(in_shadow(plain, disc, cast)))
         before, disc = disc, minimize(shaded, bounds, _MAX_DISC_STEPS, ROUGH_TOLERANCE)
+        if turn > 0 and disc.cost >= before.cost:
+            break
+        found = disc, cast
         if rms_difference(before, disc) < _CONVERGED_DIFFERENCE:
             break
+    best, cast = found
     assert cast is not None
-    return disc, cast
+    return best, cast
 
 
 def in_shadow(observation: Observation, state: State, cast: CastShadow) -> Observation:
@@ -183,18 +187,16 @@ def _strengths(
 def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     """(3,) offset (x, y) and log softness, in radii, of the least residuals."""
     difference = 0.02  # radii, of numerical derivatives
+    steps = difference * np.eye(3)
 
     def cost(x: Array) -> float:
         """Cauchy loss of the residuals."""
         return float(np.sum(np.log1p((residuals(x) / _CAUCHY_SCALE) ** 2)))
 
     def slopes(x: Array) -> Array:
-        """Central differences of the residuals."""
-        steps = difference * np.eye(3)
-        ahead, behind = (
-            np.stack([residuals(x + sign * step) for step in steps], axis=-1) for sign in (1, -1)
-        )
-        return np.asarray((ahead - behind) / (2 * difference))
+        """Differences of the residuals."""
+        here = residuals(x)
+        return np.stack([residuals(x + step) - here for step in steps], axis=-1) / difference
 
     softness = _MIN_SOFTNESS, _FIRST_SOFTNESS, _MAX_SOFTNESS
     lowest, first, highest = np.log(softness)
