@@ -318,12 +318,14 @@ def _fit_before(
         state = seen_through
     elif not (is_source(state) or is_at_rest(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
-        likeliest, disc = solid.likeliest, state
-        state = likeliest.state
+        disc, state, cast = state, solid.likeliest.state, solid.likeliest.cast
         opacity = _opacity_of(state)
-        starts = [state] if opacity.std <= _MAX_KNOWN_STD or disc is state else [state, disc]
+        is_known = opacity.std <= _MAX_KNOWN_STD or disc is state
+        starts = [disc] if cast is not None else [state] if is_known else [state, disc]
         thin = best_of([_seen_through(one, search.bounds) for one in starts])
-        if likeliest.cast is not None or best_of([state, thin]) is state:
+        # Costs of a fit with its shadow are those before another plate.
+        beaten = solid.is_beaten_by(thin) if cast is not None else best_of([state, thin]) is thin
+        if thin in starts or not beaten:
             spread = float(np.hypot(opacity.std, 1 - opacity.value))
             return solid.with_opacity_std(spread).refined()
         state = thin
@@ -413,6 +415,11 @@ class _Candidates:
     def likeliest(self) -> Candidate:
         """The one of the largest weight."""
         return self.candidates[int(np.argmax(hypothesis_weights(self.evidence)))]
+
+    def is_beaten_by(self, state: State) -> bool:
+        """Whether another fit is likelier than all of these."""
+        other = _evidence(self.fits.search.observation, Candidate(state))
+        return bool(hypothesis_scores([*self.evidence, other])[-1] == 0)
 
     def with_opacity_std(self, std: float) -> "_Candidates":
         """The same with an error of the opacity."""
