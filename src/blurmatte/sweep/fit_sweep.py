@@ -320,8 +320,10 @@ def _fit_before(
         solid = _Candidates.of(fits, hypotheses, limit)
         disc, state, cast = state, solid.likeliest.state, solid.likeliest.cast
         opacity = _opacity_of(state)
-        is_known = opacity.std <= _MAX_KNOWN_STD or disc is state
-        starts = [disc] if cast is not None else [state] if is_known else [state, disc]
+        is_known = opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)
+        starts = (
+            [disc] if cast is not None else [state] if is_known or disc is state else [state, disc]
+        )
         thin = best_of([_seen_through(one, search.bounds) for one in starts])
         # Costs of a fit with its shadow are those before another plate.
         beaten = solid.is_beaten_by(thin) if cast is not None else best_of([state, thin]) is thin
@@ -455,8 +457,8 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
     says something about that.
     """
     found, fitted = _opacity_of(state), state
-    open_or_solid = found.thin_std > _MAX_OPEN_STD or found.std <= _MAX_KNOWN_STD
-    if found.value == 1 and open_or_solid:
+    is_open = found.thin_std > _MAX_OPEN_STD
+    if found.value == 1 and (is_open or (found.std <= _MAX_KNOWN_STD and is_explained_by(state))):
         return state
     for _ in range(_MAX_ROUNDS):
         opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
