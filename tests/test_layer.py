@@ -229,3 +229,26 @@ def in_32_bits(layer):
 def test_edits_reject_wrong_arguments(layer, change, words):
     with pytest.raises(ValueError, match=words):
         change(layer)
+
+
+def light_alone():
+    """A layer of alpha 0 with light in one pixel."""
+    light = np.zeros((4, 5, 3))
+    light[1, 2] = 0.4, 0.2, 0.1
+    return Layer(np.zeros((4, 5)), light)
+
+
+def test_a_layer_of_light_alone_is_added_to_what_is_behind():
+    layer, behind = light_alone(), LinearImage(np.full((4, 5, 3), 0.3))
+    assert layer.only_adds_light
+    assert_allclose(layer.over(behind).rgb, behind.rgb + layer.premultiplied)
+    assert not Layer(np.ones((4, 5)), layer.premultiplied).only_adds_light
+    assert not Layer(np.zeros((4, 5)), np.zeros((4, 5, 3))).only_adds_light
+
+
+def test_edits_of_light_alone_change_its_light():
+    layer = light_alone()
+    assert_allclose(layer.color, (1, 0.5, 0.25))
+    assert_allclose(layer.recolor((0, 1, 0)).premultiplied[1, 2], (0, 0.4, 0))
+    assert_allclose(layer.fade(0.5).premultiplied, layer.premultiplied / 2)
+    assert_allclose(layer.amplify(3, 0.8).premultiplied[1, 2], (0.8, 0.4, 0.2))

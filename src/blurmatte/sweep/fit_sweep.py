@@ -51,6 +51,7 @@ from blurmatte.sweep.hypotheses import (
     Hypothesis,
     TimeLimit,
     is_explained,
+    is_explained_by,
     is_known_disc,
     quick_search,
 )
@@ -86,7 +87,7 @@ _MIN_ALPHA_DIFFERENCE = 0.01
 _MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
 # Of the opacity of an object that lets light through; it is 0.29 if that is open, 0…1
 _MAX_OPEN_STD = 0.2
-_MAX_KNOWN_STD = 0.03  # of the opacity of a shape that needs no other to be compared
+_MAX_KNOWN_STD = 0.03  # of the opacity of a solid object that is known to be solid
 _MIN_SOURCE_PX = 0.5  # radius of a source of light: a point that a lens blurs
 _MAX_ROUNDS = 8  # of opacity and shape
 _MIN_OPACITY_STEP = 0.2  # standard deviations between two rounds
@@ -322,14 +323,21 @@ def _fit_before(
     search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     fits = Fits(search, image, plate, streak, tuple(one_paint), tuple(varied))
     state = best_of([kind[0] for kind in (one_paint, varied) if kind])
-    if not (is_source(state) or is_at_rest(state)):
+    seen_through = _explaining(state, search.bounds)
+    if seen_through is not None:
+        state = seen_through
+    elif not (is_source(state) or is_at_rest(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
-        likeliest, disc = solid.likeliest, state
-        state = likeliest.state
+        disc, state, cast = state, solid.likeliest.state, solid.likeliest.cast
         opacity = _opacity_of(state)
-        starts = [state] if opacity.std <= _MAX_KNOWN_STD or disc is state else [state, disc]
+        is_known = opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)
+        starts = (
+            [disc] if cast is not None else [state] if is_known or disc is state else [state, disc]
+        )
         thin = best_of([_seen_through(one, search.bounds) for one in starts])
-        if likeliest.cast is not None or best_of([state, thin]) is state:
+        # Costs of a fit with its shadow are those before another plate.
+        beaten = solid.is_beaten_by(thin) if cast is not None else best_of([state, thin]) is thin
+        if thin in starts or not beaten:
             spread = float(np.hypot(opacity.std, 1 - opacity.value))
             return solid.with_opacity_std(spread).refined()
         state = thin
@@ -341,6 +349,14 @@ def _fit_before(
         fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
         return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
     return _of_light(search_in, fits, hypotheses, limit, hides.std)
+
+
+def _explaining(disc: State, bounds: tuple[float, float]) -> State | None:
+    """A disc that lets light through, if it leaves nothing to explain and a solid one does."""
+    if is_explained_by(disc):
+        return None
+    thin = _seen_through(disc, bounds)
+    return None if best_of([disc, thin]) is disc or not is_explained_by(thin) else thin
 
 
 def _of_light(
@@ -412,6 +428,11 @@ class _Candidates:
         """The one of the largest weight."""
         return self.candidates[int(np.argmax(hypothesis_weights(self.evidence)))]
 
+    def is_beaten_by(self, state: State) -> bool:
+        """Whether another fit is likelier than all of these."""
+        other = _evidence(self.fits.search.observation, Candidate(state))
+        return bool(hypothesis_scores([*self.evidence, other])[-1] == 0)
+
     def with_opacity_std(self, std: float) -> "_Candidates":
         """The same with an error of the opacity."""
         candidates = [replace(one, opacity_std=std) for one in self.candidates]
@@ -446,7 +467,8 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
     says something about that.
     """
     found, fitted = _opacity_of(state), state
-    if found.value == 1 and found.thin_std > _MAX_OPEN_STD:
+    is_open = found.thin_std > _MAX_OPEN_STD
+    if found.value == 1 and (is_open or (found.std <= _MAX_KNOWN_STD and is_explained_by(state))):
         return state
     for _ in range(_MAX_ROUNDS):
         opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
