@@ -22,8 +22,7 @@ A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and it
 times that of the brightest paint. A source of light has any k, and most sources hide nothing (f = 0).
 Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
 an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. The
-error does not rest on that: it is the root mean square distance from f with even odds of solid, of
-more and of less than half of the light hidden.
+error is the root mean square distance of the posterior from that value.
 """
 
 from collections.abc import Callable
@@ -58,9 +57,6 @@ _MIN_COVERED = 0.004  # of the exposure, of pixels that show the object
 # Prior odds of what is rare, a source of light or an object that lets light through, against what is
 # usual: decisive evidence makes them even
 RARE_ODDS = float(np.exp(-DECISIVE_LOG_BAYES_FACTOR))
-# Of an object that moved and lets light through against a solid one, for the error: 1 − f is then at
-# most twice the error in 95 % of such objects, also if nothing is known of f
-_OPEN_ODDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -333,7 +329,6 @@ def _posterior(scores: list[_Scores], lights: _Lights, at_rest: bool) -> Opacity
         value = 1.0
     elif mass[0] > mass.sum() / 2:
         value = 0.0
-    mass = np.array([dark, *((1.0 if at_rest else _OPEN_ODDS) * thin), solid])
     mean = float(thin @ f / thin.sum())
     return Opacity(value, _rms_from(value, at, mass), mean, _rms_from(mean, f, thin))
 
