@@ -14,6 +14,7 @@ from blurmatte.matting.added_light import adds_light, answer_of_light
 from blurmatte.matting.alternatives import Alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
 from blurmatte.matting.calibration import (
+    GRADE_LIMITS,
     HypothesisSummary,
     calibrated,
     claimed_error,
@@ -40,9 +41,6 @@ from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
-# Relative error of the opacity, of which more than this is open. The prior alone leaves 0.047, and 0.013
-# where half of the values would need negative light.
-_MAX_OPACITY_ERROR = 0.01
 
 ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
 
@@ -225,14 +223,12 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     because = reasons(terms, claim, found.weights, compressed)
     if gray:
         because = ["gray", *(name for name in because if name != "shape")]
-    opacity_is_open = found.opacity_error > _MAX_OPACITY_ERROR
-    if opacity_is_open or grade is not solid:
+    if found.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid:
         because = ["opacity", *because]
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
     if untried:
         because = ["time", *because]
-    if (untried or opacity_is_open) and grade is Grade.CONFIRMED:
-        grade = Grade.PLAUSIBLE
+        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     # The maps have no other place for an error that may be larger than all others.
     alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
     average = with_bounded_errors(replace(average, alpha_std=alpha_std))
