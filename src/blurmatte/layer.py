@@ -183,7 +183,7 @@ class Layer(Displayed):
 
         The enhancement of [GC07 Fig. 4]. The color is scaled so that the 99 % quantile of the brightest
         channel, weighted by alpha, is `brightness`. Hue and shading are kept. Of a layer that only
-        adds light, the light is scaled so, weighted by itself.
+        adds light, the light is its own weight.
 
         Parameters
         ----------

@@ -17,7 +17,7 @@ def burst_plate(
 ) -> tuple[LinearImage, list[Match]]:
     """The scene behind the object in an image, from other shots, each with the object elsewhere.
 
-    Each shot is matched to the image by itself. The plate of a pixel is the light that most of all
+    Each shot is matched to the image alone. The plate of a pixel is the light that most of all
     shots agree on, the image included; it is the mean of those shots that show it, without the image.
 
     Parameters

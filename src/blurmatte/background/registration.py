@@ -44,8 +44,10 @@ _SHIFT = GEOMETRIES.index((2, 5)), LIGHTS.index((0,))
 # When a frame is registered.
 _MAX_PIXELS = 5e5  # that are compared; larger frames are averaged over cells
 _MIN_OVERLAP = 0.3  # of a frame with the canvas
-_GOOD_RESIDUAL = 0.015  # of the same: no other prediction is tried
-_MAX_RELATIVE_RESIDUAL = 0.5  # of most points over the std of the frame: another scene leaves more
+# Residual of most points over the standard deviation of the frame: with less no other prediction is
+# tried, and another scene leaves more
+_GOOD_RESIDUAL = 0.015
+_MAX_RELATIVE_RESIDUAL = 0.5
 _MAX_SHIFT_STD_PX = 0.5  # with more, the frame has too little texture
 _MAX_CANVAS_RATIO = 16.0  # of its area to that of a frame
 _MIN_REGISTERED = 0.5  # of the frames; with fewer, it is no clip of one scene

@@ -51,14 +51,17 @@ def answer_of_light(case: Case, out: PixelMaps | None, solver: Solver) -> Answer
         target[inside] = values[inside]
     of_streak = error[inside & (chi > MIN_ALPHA)]
     alpha_error = float(np.sqrt(np.mean(of_streak**2))) if of_streak.size else 0.0
-    grade = grade_of(alpha_error, 0.0)
-    untried = case.hypotheses.untried
+    grade, untried = grade_of(alpha_error, 0.0), case.hypotheses.untried
+    because = () if grade is Grade.CONFIRMED else ("opacity",)
+    if untried:
+        because = ("time", *because)
+        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
     stats = SolutionStats(
         sum_alpha_std=float(error.sum()),
         alpha_scale_std=0.0,
         sweep=SweepSummary.of(sweep),
         claimed_error=alpha_error,
-        grade_reasons=() if grade is Grade.CONFIRMED else ("opacity",),
+        grade_reasons=because,
         grade=grade,
         alpha_error=alpha_error,
         untried=untried,

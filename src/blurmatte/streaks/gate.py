@@ -115,14 +115,10 @@ class Gate:
         reach, of_blocks = [], []
         for c, cells in enumerate(gate.cells):
             known, contrast = np.isfinite(gate.cell_reach[c]), _contrast(cells)
-            d = np.abs(_summed(planes[c], cells.shape, frame.zero[c]) - gain * cells)
-            sums = np.abs(
-                block_sums(
-                    _summed(planes[c], cells.shape, frame.zero[c]) - gain * cells, _BLOCK_CELLS
-                )
-            )
+            change = _summed(planes[c], cells.shape, frame.zero[c]) - gain * cells
+            sums = np.abs(block_sums(change, _BLOCK_CELLS))
             of_block = np.sqrt(block_sums(contrast**2, _BLOCK_CELLS))
-            reach.append(_by_contrast(gate.cell_reach[c], d, contrast, known))
+            reach.append(_by_contrast(gate.cell_reach[c], np.abs(change), contrast, known))
             known = np.isfinite(gate.block_reach[c])
             of_blocks.append(_by_contrast(gate.block_reach[c], sums, of_block, known))
         return replace(gate, cell_reach=tuple(reach), block_reach=tuple(of_blocks))

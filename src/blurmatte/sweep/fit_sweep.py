@@ -328,16 +328,9 @@ def _fit_before(
         state = seen_through
     elif not (is_source(state) or is_at_rest(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
-        disc, state, cast = state, solid.likeliest.state, solid.likeliest.cast
-        opacity = _opacity_of(state)
-        is_known = opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)
-        starts = (
-            [disc] if cast is not None else [state] if is_known or disc is state else [state, disc]
-        )
-        thin = best_of([_seen_through(one, search.bounds) for one in starts])
-        # Costs of a fit with its shadow are those before another plate.
-        beaten = solid.is_beaten_by(thin) if cast is not None else best_of([state, thin]) is thin
-        if thin in starts or not beaten:
+        opacity = _opacity_of(solid.likeliest.state)
+        thin = _likelier_thin(solid, state, opacity)
+        if thin is None:
             spread = float(np.hypot(opacity.std, 1 - opacity.value))
             return solid.with_opacity_std(spread).refined()
         state = thin
@@ -349,6 +342,21 @@ def _fit_before(
         fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
         return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
     return _of_light(search_in, fits, hypotheses, limit, hides.std)
+
+
+def _likelier_thin(solid: "_Candidates", disc: State, opacity: Opacity) -> State | None:
+    """A shape that lets light through and is likelier than the solid ones, if there is one.
+
+    disc: where another search starts. opacity: that of the likeliest solid shape.
+    """
+    bounds, state = solid.fits.search.bounds, solid.likeliest.state
+    if solid.likeliest.cast is not None:  # its cost is that before another plate
+        thin = _seen_through(disc, bounds)
+        return thin if thin is not disc and solid.is_beaten_by(thin) else None
+    is_known = opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)
+    starts = [state] if is_known or disc is state else [state, disc]
+    thin = best_of([_seen_through(one, bounds) for one in starts])
+    return thin if thin not in starts and best_of([state, thin]) is thin else None
 
 
 def _explaining(disc: State, bounds: tuple[float, float]) -> State | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TypeVar
 
 from blurmatte.background import (
@@ -95,13 +95,17 @@ class ClipInputs:
         frames = self.frames
         return frames.frame_numbers if isinstance(frames, ClipFrames) else range(len(frames))
 
+    @cached_property
+    def index_of(self) -> dict[int, int]:
+        """Index of each frame among all, by its number."""
+        return {number: index for index, number in enumerate(self.numbers)}
+
     def linked(
         self, seen: Sequence[FrameSightings], camera: CameraPath | None
     ) -> list[FrameMotion]:
         """The table of the clip; in pixels of the canvas if the camera moves."""
         if camera is not None:
-            index_of = {number: index for index, number in enumerate(self.numbers)}
-            seen = [_on_canvas(one, camera, index_of[one.frame]) for one in seen]
+            seen = [_on_canvas(one, camera, self.index_of[one.frame]) for one in seen]
         return link_objects(seen, self.min_frames) if self.several else link_sightings(seen)
 
 
@@ -145,7 +149,7 @@ class ClipMeasured:
         camera = self.camera
         if camera is None:
             return self.rows
-        index_of = {number: index for index, number in enumerate(self.clip.numbers)}
+        index_of = self.clip.index_of
         return [
             row
             if row.sighting is None

@@ -156,11 +156,11 @@ def _of_texture(
     slope = 0.5
     for _ in range(2):  # weights depend on the slope
         own = _moments(observation, chi, inside, size, axes, slope)
-        beside = (own.xu - scale * own.noise_u) / (1 + mismatch)
+        shown = (own.xu - scale * own.noise_u) / (1 + mismatch)
         d = (own.xx - scale * own.noise) / (1 + mismatch)
-        slope = float(np.clip((own.xC - beside).sum() / max(d.sum(), 1e-12), 0, 1))
+        slope = float(np.clip((own.xC - shown).sum() / max(d.sum(), 1e-12), 0, 1))
     # Derivatives of the sum of scores by λ and 1/ρ: a constant, and a part in proportion to the slope
-    by_u = np.array([own.noise_u.sum(), beside.sum()]) / (1 + mismatch)
+    by_u = np.array([own.noise_u.sum(), shown.sum()]) / (1 + mismatch)
     by_x = np.array([own.noise.sum(), d.sum()]) / (1 + mismatch)
     of_image, of_plate, twice = own.spread
 
@@ -170,7 +170,7 @@ def _of_texture(
         return np.asarray(np.einsum("mi,ij,mj->m", by, covariance, by))
 
     return _Scores(
-        own.xC - beside,
+        own.xC - shown,
         d,
         lambda slope: of_image + slope**2 * (scale * of_plate + scale**2 * twice),
         common,
