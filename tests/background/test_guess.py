@@ -82,3 +82,40 @@ def test_region_without_surroundings_is_refused():
         guess_plate(picture, np.zeros_like(REGION))
     with pytest.raises(ValueError, match="shape"):
         guess_plate(picture, REGION[1:])
+
+
+def straight_edge(rng):
+    """A wall over a darker floor; the edge between them has a slope."""
+    y, x = np.mgrid[:72, :96]
+    slope = rng.uniform(-0.15, 0.15)
+    floor = np.clip(y - 36 - slope * (x - 48) + 0.5, 0, 1)[..., None]
+    return (1 - floor) * (0.5, 0.45, 0.4) + floor * (0.2, 0.25, 0.15)
+
+
+def stripes(rng):
+    """Stripes about 12 pixels wide."""
+    y, x = np.mgrid[:72, :96]
+    angle, width = rng.uniform(-0.2, 0.2), rng.uniform(9, 15)
+    across = np.sin(2 * np.pi * (y * np.cos(angle) + x * np.sin(angle)) / width)
+    return (0.4 + 0.1 * np.tanh(4 * across))[..., None] * (1, 0.9, 0.75)
+
+
+@pytest.mark.parametrize("made", [straight_edge, stripes])
+def test_lines_that_cross_the_region_are_continued(made):
+    """Without lines the root mean square errors are 0.08 and 0.06."""
+    rng = np.random.default_rng(0)
+    scene = made(rng)
+    guess = guess_plate(covered(LinearImage(scene + rng.normal(0, NOISE, scene.shape))), REGION)
+    error = (guess.rgb - scene)[REGION]
+    assert np.sqrt(np.mean(error**2)) < 0.02
+    assert 0.2 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.3
+
+
+def test_edge_that_only_one_side_shows_stays_an_error():
+    """Honest: nothing says where between the sides of the region the edge ends."""
+    rng = np.random.default_rng(0)
+    scene = straight_edge(rng)
+    scene[:, :48] = scene[0, 0]
+    guess = guess_plate(covered(LinearImage(scene + rng.normal(0, NOISE, scene.shape))), REGION)
+    error = (guess.rgb - scene)[REGION]
+    assert 0.2 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.5
