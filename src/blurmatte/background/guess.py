@@ -56,12 +56,15 @@ class PlateGuess(LinearImage):
         Other scenes that agree with the surroundings as well, in the bounding box of `hidden`. Errors
         of neighboring pixels are correlated: what is computed from the plate is computed from each of
         them, and its error is their scatter about that of the plate.
+    texture : (h, w, 3) float
+        A draw of what the surroundings show but the plate does not predict, in that box.
     image_noise : Noise
         Noise of the image that it was made of.
     """
 
     hidden: Bools = None  # type: ignore[assignment]
     draws: tuple[Floats, ...] = ()
+    texture: Floats = None  # type: ignore[assignment]
     image_noise: NoiseModel = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -78,6 +81,23 @@ class PlateGuess(LinearImage):
             rgb[place] = np.where(self.hidden[place][..., None], draw, rgb[place])
             found.append(replace(first, rgb=rgb))
         return found
+
+    @property
+    def with_grain(self) -> LinearImage:
+        """The plate with texture and noise, as the image shows them: for the eye.
+
+        The plate itself is a mean, smoother than any scene.
+        """
+        rng, std = np.random.default_rng(_SEED), np.sqrt(self.image_noise.variance(self.rgb))
+        grain = rng.normal(0, 1, std.shape) * std
+        grain[rows_columns(box_of(self.hidden))] += self.texture
+        rgb = self.rgb + np.where(self.hidden[..., None], grain, 0)
+        return replace(self.plates[0], rgb=np.asarray(rgb, self.rgb.dtype))
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the standard deviation of the light that is a guess; white is 1."""
+        return float(np.sqrt(np.asarray(self.variance)[self.hidden].mean()))
 
 
 def box_of(mask: Bools) -> Box:
@@ -271,7 +291,8 @@ class _AroundRegion:
             subsampled=False,
             coding=None,
         )
-        return PlateGuess(rgb, variance, image.valid | hidden, meta, hidden, draws, noise)
+        texture = (self._textured(rng, shape) @ self.axes.T)[box].astype(rgb.dtype)
+        return PlateGuess(rgb, variance, image.valid | hidden, meta, hidden, draws, texture, noise)
 
     def _in_pixels(self, cells: Array, shape: tuple[int, ...]) -> Array:
         """Light of cells in the pixels of the window."""

@@ -23,6 +23,7 @@ _MIN_Z = (
 )
 _MIN_SHARE = 0.25  # of the line of a side, relative to the median line, that is seen
 _SMOOTH_PX = 8  # differences of both sides over more pixels are left to the smooth field
+_CHANCE = 4.0  # standard deviations of a variance by chance
 _TINY = np.finfo(float).tiny
 _NEAR_PX = 3  # over which the error of the profile is averaged
 
@@ -178,6 +179,27 @@ def _likeliest(light: Array, seen: Bools, hidden: Bools) -> Profile | None:
     )
 
 
+def _filled(across: Array, known: Array, bins: Array) -> Array:
+    """(n, 3) of values across the lines that are known at some of them."""
+    return np.stack([np.interp(bins, known, column) for column in across.T], axis=-1)
+
+
+def _scatter(cells: _Seen, angle: float, light: Array, both: Bools) -> Array:
+    """(n, 3) variance along each line beyond that of most: an edge is sharper than a bin."""
+    at = cells.y * np.cos(angle) - cells.x * np.sin(angle) + cells.reach
+    bins = np.arange(len(light))
+    rest = cells.light - np.stack([np.interp(at, bins, column) for column in light.T], axis=-1)
+    rest = rest - rest.mean(axis=0)
+    nearest = np.rint(at).astype(int)
+    count = np.bincount(nearest, minlength=len(bins))
+    sums = [np.bincount(nearest, column, minlength=len(bins)) for column in (rest**2).T]
+    count = np.maximum(count, 1)[:, None]
+    variance = np.stack(sums, axis=-1) / count
+    most = np.median(variance[both], axis=0)
+    by_chance = most * (1 + _CHANCE * np.sqrt(2 / count))
+    return np.where((variance > by_chance) & both[:, None], variance - most, 0)
+
+
 def _profile(cells: _Seen, angle: float, center: Array, shape: tuple[int, ...]) -> Profile:
     """The profile of lines of one direction, by what both sides show."""
     count, means = cells.across(angle)
@@ -186,15 +208,16 @@ def _profile(cells: _Seen, angle: float, center: Array, shape: tuple[int, ...]) 
     sides = means - (weight[..., None] * means[:, both]).sum(axis=1, keepdims=True) / weight.sum(
         axis=1
     ).reshape(2, 1, 1)
-    bins, known = np.arange(count.shape[1]), np.flatnonzero(both)
+    bins = np.arange(count.shape[1], dtype=float)
+    known = bins[both]
     difference = sides[0, both] - sides[1, both]
     rough = difference - scipy.ndimage.gaussian_filter1d(difference, _SMOOTH_PX, axis=0)
     error = scipy.ndimage.gaussian_filter1d(rough**2, _NEAR_PX, axis=0) / 4  # of the sides' mean
     mean = sides[:, both].mean(axis=0)
     signal = np.maximum((mean**2).mean(axis=0) - error.mean(axis=0), 0)
     share = signal / np.maximum(signal + error, _TINY)
-    light = np.stack([np.interp(bins, known, column) for column in (share * mean).T], axis=-1)
-    variance = np.stack([np.interp(bins, known, column) for column in (share * error).T], axis=-1)
+    light, own = (_filled(across, known, bins) for across in (share * mean, share * error))
+    variance = own + _scatter(cells, angle, light, both)
     variance[~both] += signal
     y, x = np.indices(shape, float) - center[:, None, None]
     position = y * np.cos(angle) - x * np.sin(angle) + cells.reach

@@ -28,6 +28,7 @@ from blurmatte.cli.console import (
 from blurmatte.cli.output_checks import check_folder
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
+    GUESSED,
     ColorOptions,
     FrameSelection,
     Selection,
@@ -55,7 +56,7 @@ class MaybePlate:
     @property
     def is_guessed(self) -> bool:
         """Whether there is none, and a single picture must do."""
-        return self.plate == Path("none")
+        return self.plate == GUESSED
 
 
 @dataclass(frozen=True)
