@@ -5,7 +5,7 @@ import pytest
 import scipy
 from numpy.testing import assert_array_equal
 
-from blurmatte.background import PlateGuess, guess_plate
+from blurmatte.background import PlateGuess, guess_plate, regions_that_stand_out
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
 
@@ -119,3 +119,25 @@ def test_edge_that_only_one_side_shows_stays_an_error():
     guess = guess_plate(covered(LinearImage(scene + rng.normal(0, NOISE, scene.shape))), REGION)
     error = (guess.rgb - scene)[REGION]
     assert 0.2 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.5
+
+
+@pytest.mark.parametrize(("height", "first"), [(71, 41), (72, 0)])
+def test_region_at_the_border_is_guessed_wholly(height, first):
+    """A side of 71 pixels is no multiple of a cell; what is hidden is not cut off."""
+    scene, picture = wall(0)
+    rgb, region = picture.rgb[:height].copy(), np.zeros((height, 96), bool)
+    region[first:, 40:54] = True
+    rgb[region] = 3.0
+    guess = guess_plate(LinearImage(rgb), region)
+    assert len(guess.plates) > 2
+    assert np.abs(guess.rgb - scene[:height])[region].max() < 5 * NOISE
+
+
+def test_what_stands_out_from_a_wall_is_proposed_and_a_wall_alone_is_not():
+    _, picture = wall(0)
+    assert regions_that_stand_out(picture) == []
+    rgb = picture.rgb.copy()
+    rgb[30:42, 36:60] = 0.5 * rgb[30:42, 36:60] + 0.5 * np.array([0.05, 0.1, 0.6])
+    ((x0, y0, x1, y1),) = regions_that_stand_out(LinearImage(rgb))
+    assert 20 < x0 <= 36 < 60 <= x1 < 76
+    assert 14 < y0 <= 30 < 42 <= y1 < 58

@@ -108,3 +108,18 @@ def test_commands_that_cannot_guess_say_what_to_do(photo, bar, tmp_path, words, 
     assert result.exit_code == 2
     assert says in result.stderr
     assert not (tmp_path / "out.png").exists()
+
+
+def test_region_is_proposed_for_solve(photo, tmp_path):
+    """The bar is in columns 36 to 75 and rows 32 to 47."""
+    result = run("find", photo, "--plate", "none")
+    assert result.exit_code == 0, result.stderr
+    (line,) = result.stdout.splitlines()
+    x0, y0, x1, y1 = map(int, line.removeprefix("--region ").split(","))
+    assert 20 <= x0 <= 36 < 76 <= x1 <= 92
+    assert 16 <= y0 <= 32 < 48 <= y1 <= 64
+    wall = tmp_path / "wall.png"
+    bm.write(wall, bm.read(photo).crop((0, 0, 112, 28)))
+    nothing = run("find", wall, "--plate", "none")
+    assert nothing.exit_code == 2
+    assert "nothing stands out" in nothing.stderr

@@ -14,3 +14,4 @@ from blurmatte.background.samples import max_coded_samples as max_coded_samples
 from blurmatte.background.shots import ClipShot as ClipShot
 from blurmatte.background.shots import find_shots as find_shots
 from blurmatte.background.shots import thumbnail as thumbnail
+from blurmatte.background.stand_out import regions_that_stand_out as regions_that_stand_out

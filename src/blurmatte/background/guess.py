@@ -321,15 +321,28 @@ def _window(hidden: Bools) -> tuple[Box, int]:
     deep = scipy.ndimage.distance_transform_edt(np.pad(hidden[y0:y1, x0:x1], 1))
     ring = max(_MIN_RING_PX, int(np.ceil(deep.max())))
     height, width = hidden.shape
-    x0, y0, x1, y1 = (
-        max(x0 - ring, 0),
-        max(y0 - ring, 0),
-        min(x1 + ring, width),
-        min(y1 + ring, height),
+    rows, columns = (
+        (max(first - ring, 0), min(last + ring, size))
+        for first, last, size in ((y0, y1, height), (x0, x1, width))
     )
-    seen = np.count_nonzero(~hidden[y0:y1, x0:x1])
+    seen = np.count_nonzero(~hidden[slice(*rows), slice(*columns)])
     cell = max(2, int(np.ceil(np.sqrt(seen / _MAX_CELLS))))
-    return (x0, y0, x0 + (x1 - x0) // cell * cell, y0 + (y1 - y0) // cell * cell), cell
+    for wider in range(cell, 2 * cell + 1):
+        down = _whole_cells(rows, (y0, y1), wider)
+        right = _whole_cells(columns, (x0, x1), wider)
+        if down is not None and right is not None:
+            return (right[0], down[0], right[1], down[1]), wider
+    raise _too_little()
+
+
+def _whole_cells(
+    window: tuple[int, int], hidden: tuple[int, int], cell: int
+) -> tuple[int, int] | None:
+    """The span of whole cells that has what is hidden; None if no multiple of a cell has it."""
+    rest = (window[1] - window[0]) % cell
+    after = min(rest, window[1] - hidden[1])
+    first, last = window[0] + rest - after, window[1] - after
+    return (first, last) if first <= hidden[0] else None
 
 
 @dataclass(frozen=True, eq=False)
