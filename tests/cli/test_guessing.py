@@ -54,3 +54,72 @@ def test_options_that_need_a_plate_are_refused(photo, tmp_path, options, says):
     assert says in result.stderr
     assert len(result.stderr.splitlines()) <= 3
     assert not (tmp_path / "out").exists()
+
+
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory):
+    """The layer of the bar."""
+    alpha = np.zeros((80, 112), np.float32)
+    alpha[32:48, 36:76] = 0.5
+    path = tmp_path_factory.mktemp("layer") / "bar.png"
+    bm.write(path, bm.Layer(alpha, alpha[..., None] * np.float32([0.05, 0.1, 0.6])))
+    return path
+
+
+def test_object_is_removed_by_a_guess_with_grain(photo, bar, tmp_path):
+    """Exact: the wall, with noise of a standard deviation of 0.003."""
+    out = tmp_path / "gone.png"
+    result = run("remove", bar, "--image", photo, "--plate", "none", "--out", out)
+    assert result.exit_code == 0, result.stderr
+    assert "is a guess from its surroundings, within 0.0" in result.stderr
+    wall = np.full((80, 112, 3), (0.5, 0.45, 0.4)) * (1 + np.linspace(0, 0.2, 112)[:, None])
+    error = (bm.read(out).rgb - wall)[32:48, 36:76]
+    assert np.abs(error.mean(axis=(0, 1))).max() < 0.002
+    assert 0.7 < error.std() / 0.003 < 1.5
+    kept = np.ones((80, 112), bool)
+    kept[32:48, 36:76] = False
+    assert np.array_equal(bm.read(out).rgb[kept], bm.read(photo).rgb[kept])
+
+
+def test_object_is_faded_before_a_guess(photo, bar, tmp_path):
+    """Exact: alpha 0.25 instead of 0.5."""
+    out = tmp_path / "faded.png"
+    own = ("--image", photo, "--plate", "none", "--fade", "0.5")
+    assert run("edit", bar, *own, "--out", out).exit_code == 0
+    wall = np.full((80, 112, 3), (0.5, 0.45, 0.4)) * (1 + np.linspace(0, 0.2, 112)[:, None])
+    expected = 0.75 * wall[32:48, 36:76] + 0.25 * np.array([0.05, 0.1, 0.6])
+    error = bm.read(out).rgb[32:48, 36:76] - expected
+    assert np.abs(error.mean(axis=(0, 1))).max() < 0.003
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("color", "photo"), "solve --plate none finds the color"),
+        (("remove", "bar.####.png", "--image", "photo"), "of a row give the plate"),
+        (("sharpen", "bar"), "--plate none needs --image"),
+    ],
+)
+def test_commands_that_cannot_guess_say_what_to_do(photo, bar, tmp_path, words, says):
+    """Of a color, of a row of layers, and without the picture."""
+    paths = {"photo": photo, "bar": bar, "bar.####.png": bar.parent / "bar.####.png"}
+    out = () if words[0] == "color" else ("--out", tmp_path / "out.png")
+    result = run(*(paths.get(word, word) for word in words), "--plate", "none", *out)
+    assert result.exit_code == 2
+    assert says in result.stderr
+    assert not (tmp_path / "out.png").exists()
+
+
+def test_region_is_proposed_for_solve(photo, tmp_path):
+    """The bar is in columns 36 to 75 and rows 32 to 47."""
+    result = run("find", photo, "--plate", "none")
+    assert result.exit_code == 0, result.stderr
+    (line,) = result.stdout.splitlines()
+    x0, y0, x1, y1 = map(int, line.removeprefix("--region ").split(","))
+    assert 20 <= x0 <= 36 < 76 <= x1 <= 92
+    assert 16 <= y0 <= 32 < 48 <= y1 <= 64
+    wall = tmp_path / "wall.png"
+    bm.write(wall, bm.read(photo).crop((0, 0, 112, 28)))
+    nothing = run("find", wall, "--plate", "none")
+    assert nothing.exit_code == 2
+    assert "nothing stands out" in nothing.stderr

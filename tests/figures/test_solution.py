@@ -85,7 +85,7 @@ def test_a_tall_streak_fills_its_columns(monkeypatch):
 
 def test_crop_at_the_border_is_extended_on_the_other_side():
     _, _, solution = solved((400, 120), (390, 60), (399, 60))
-    rows, columns = _surroundings(solution, _layout(solution))
+    rows, columns = _surroundings(solution, _layout(solution, 6))
     assert columns.stop == 400
     left, _, right, _ = solution.stats.streak_box
     assert columns.stop - columns.start >= right - left + 2 * 4  # a rim for either side

@@ -6,6 +6,7 @@ from tests.scenes import photographed, rendered
 
 from blurmatte.background import guess_plate
 from blurmatte.color import ColorModel
+from blurmatte.figures import draw_overview
 from blurmatte.matting import Grade, Smooth, solve
 from blurmatte.rendering import Ball, Camera, Scene, plain_plate
 from blurmatte.trajectory import Trajectory
@@ -59,6 +60,13 @@ def test_guess_is_never_confirmed_and_says_why(smooth):
     assert solution.grade is not Grade.CONFIRMED
     assert solution.stats.grade_reasons[0] == "plate"
     assert solution.stats.match is None
+
+
+def test_sheet_shows_the_guess_and_its_error(seen, smooth):
+    """Exact: eight panels instead of six, so at least one more row."""
+    image, plate, _ = seen
+    with_guess = draw_overview(image, plate, smooth[0])
+    assert len(with_guess) > len(draw_overview(image, plate.plates[0], smooth[0]))
 
 
 @pytest.mark.battery

@@ -26,3 +26,4 @@ from blurmatte.background.shots import ClipShot as ClipShot
 from blurmatte.background.shots import find_shots as find_shots
 from blurmatte.background.shots import joined_shots as joined_shots
 from blurmatte.background.shots import thumbnail as thumbnail
+from blurmatte.background.stand_out import regions_that_stand_out as regions_that_stand_out

@@ -1,12 +1,14 @@
 """guess_plate: the scene behind an object, from the surroundings of a region of one picture.
 
 The light of the scene is a Gaussian random field, along each principal axis of the colors around the
-region a sum of three: a plane (universal kriging), a smooth part with a Matérn covariance, and texture
-with a spectrum of its own. The smooth part is known at cells of several pixels; its order, length and
+region a sum of four: straight lines that cross the region, a plane (universal kriging), a smooth part
+with a Matérn covariance, and texture with a spectrum of its own. Lines are continued where both sides
+of the region show them. The smooth part is known at cells of several pixels; its order, length and
 amplitude have the weight of their restricted likelihood around the region. The texture is what the
 surroundings leave; behind the object it is not predicted.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product, repeat
 from typing import NamedTuple
@@ -14,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
+from blurmatte.background.lines import Lines
 from blurmatte.calibration import measure_noise_within
 from blurmatte.checks import Array, Bools, Box, Floats, as_array, check_map, rows_columns
 from blurmatte.errors import NoiseError, PlateError
@@ -53,12 +56,15 @@ class PlateGuess(LinearImage):
         Other scenes that agree with the surroundings as well, in the bounding box of `hidden`. Errors
         of neighboring pixels are correlated: what is computed from the plate is computed from each of
         them, and its error is their scatter about that of the plate.
+    texture : (h, w, 3) float
+        A draw of what the surroundings show but the plate does not predict, in that box.
     image_noise : Noise
         Noise of the image that it was made of.
     """
 
     hidden: Bools = None  # type: ignore[assignment]
     draws: tuple[Floats, ...] = ()
+    texture: Floats = None  # type: ignore[assignment]
     image_noise: NoiseModel = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -75,6 +81,23 @@ class PlateGuess(LinearImage):
             rgb[place] = np.where(self.hidden[place][..., None], draw, rgb[place])
             found.append(replace(first, rgb=rgb))
         return found
+
+    @property
+    def with_grain(self) -> LinearImage:
+        """The plate with texture and noise, as the image shows them: for the eye.
+
+        The plate itself is a mean, smoother than any scene.
+        """
+        rng, std = np.random.default_rng(_SEED), np.sqrt(self.image_noise.variance(self.rgb))
+        grain = rng.normal(0, 1, std.shape) * std
+        grain[rows_columns(box_of(self.hidden))] += self.texture
+        rgb = self.rgb + np.where(self.hidden[..., None], grain, 0)
+        return replace(self.plates[0], rgb=np.asarray(rgb, self.rgb.dtype))
+
+    @property
+    def error(self) -> float:
+        """Root mean square of the standard deviation of the light that is a guess; white is 1."""
+        return float(np.sqrt(np.asarray(self.variance)[self.hidden].mean()))
 
 
 def box_of(mask: Bools) -> Box:
@@ -181,6 +204,7 @@ class _AroundRegion:
     std: Array  # (rows, columns, 3)
     drawn: list[Array]  # each (rows, columns, 3): differences from the mean
     axes: Array  # (3, 3) columns
+    lines: Lines  # in light along the axes
     texture: Array  # (3,) variance of a pixel along the axes
     grain: int  # width of the cells whose autocovariance is known, pixels
     autocovariance: Array  # (h, w, 3) of their means, at all lags, wrapped
@@ -196,13 +220,16 @@ class _AroundRegion:
         if np.count_nonzero(known) < _MIN_CELLS:
             raise _too_little()
         axes = np.linalg.eigh(np.cov(light[seen].T))[1]
-        means = block_sums(np.where(seen[..., None], light @ axes, 0), cell)
-        means /= np.maximum(count, 1)[..., None]
+        light = light @ axes
+        cells = _Cells(seen, known, cell)
         # Cubic interpolation needs two cells around what is hidden.
         unseen = block_sums((~seen).astype(float), cell) > 0
         wanted = scipy.ndimage.binary_dilation(unseen, np.ones((5, 5)))
-        mean, std, drawn = _Kriging.of(known, wanted).smooth_part(means, draws)
-        rest = light @ axes - _interpolated(mean, light.shape[:2], cell)
+        kriging = _Kriging.of(known, wanted)
+        lines = _likeliest_lines(light, hidden[place], cells, kriging)
+        light = light - lines.mean
+        mean, std, drawn = kriging.smooth_part(cells.means(light), draws)
+        rest = light - _interpolated(mean, light.shape[:2], cell)
         rest = np.where(seen[..., None], rest, 0)
         noise = np.asarray(image.variance[place], float)[seen].mean(axis=0) @ axes**2
         texture = np.maximum((rest**2).sum(axis=(0, 1)) / np.count_nonzero(seen) - noise, 0)
@@ -212,7 +239,7 @@ class _AroundRegion:
         means = block_sums(rest, grain) / np.maximum(own, 1)[..., None] * whole[..., None]
         autocovariance = _autocovariance(means, whole)
         autocovariance[0, 0] = np.maximum(autocovariance[0, 0] - noise / grain**2, 0)
-        return cls(window, cell, mean, std, drawn, axes, texture, grain, autocovariance)
+        return cls(window, cell, mean, std, drawn, axes, lines, texture, grain, autocovariance)
 
     def covered(self, image: LinearImage, hidden: Bools) -> Bools:
         """What of the hidden is near cells that disagree with the guess: the object may be there.
@@ -223,7 +250,8 @@ class _AroundRegion:
         place = rows_columns(self.window)
         light, inside = np.asarray(image.rgb[place], float), hidden[place] & image.valid[place]
         count = block_sums(inside.astype(float), self.cell)
-        d = block_sums(np.where(inside[..., None], light @ self.axes, 0), self.cell)
+        rest = light @ self.axes - self.lines.mean
+        d = block_sums(np.where(inside[..., None], rest, 0), self.cell)
         d = d / np.maximum(count, 1)[..., None] - self.mean
         noise = np.asarray(image.variance[place], float)[inside].mean(axis=0) @ self.axes**2
         variance = self.std**2 + self.texture + noise / self.cell**2
@@ -244,16 +272,14 @@ class _AroundRegion:
         place, shape = rows_columns(self.window), hidden[rows_columns(self.window)].shape
         inside = hidden[place][..., None]
         rgb, variance = image.rgb.copy(), np.array(image.variance)
-        mean = self._in_pixels(self.mean, shape)
+        mean = self._in_pixels(self.mean, shape) + self.lines.mean @ self.axes.T
         rgb[place] = np.where(inside, mean, rgb[place])
-        own = _interpolated(self.std, shape, self.cell) ** 2 + self.texture
+        own = _interpolated(self.std, shape, self.cell) ** 2 + self.texture + self.lines.variance
         variance[place] = np.where(inside, own @ (self.axes.T**2) + _MIN_VARIANCE, variance[place])
         rng = np.random.default_rng(_SEED)
         box = rows_columns(box_of(hidden), self.window)
         draws = tuple(
-            (mean + self._in_pixels(one, shape) + self._textured(rng, shape) @ self.axes.T)[
-                box
-            ].astype(rgb.dtype)
+            (mean + self._in_pixels(one, shape) + self._fine(rng, shape))[box].astype(rgb.dtype)
             for one in self.drawn
         )
         # It is no file: it has neither the steps nor the blocks of the image's.
@@ -265,11 +291,16 @@ class _AroundRegion:
             subsampled=False,
             coding=None,
         )
-        return PlateGuess(rgb, variance, image.valid | hidden, meta, hidden, draws, noise)
+        texture = (self._textured(rng, shape) @ self.axes.T)[box].astype(rgb.dtype)
+        return PlateGuess(rgb, variance, image.valid | hidden, meta, hidden, draws, texture, noise)
 
     def _in_pixels(self, cells: Array, shape: tuple[int, ...]) -> Array:
         """Light of cells in the pixels of the window."""
         return _interpolated(cells, shape, self.cell) @ self.axes.T
+
+    def _fine(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
+        """(h, w, 3) a draw of what the smooth part lacks: texture, and the error of the lines."""
+        return np.asarray((self._textured(rng, shape) + self.lines.drawn(rng)) @ self.axes.T)
 
     def _textured(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
         """(h, w, 3) a draw of the texture along the axes."""
@@ -290,15 +321,28 @@ def _window(hidden: Bools) -> tuple[Box, int]:
     deep = scipy.ndimage.distance_transform_edt(np.pad(hidden[y0:y1, x0:x1], 1))
     ring = max(_MIN_RING_PX, int(np.ceil(deep.max())))
     height, width = hidden.shape
-    x0, y0, x1, y1 = (
-        max(x0 - ring, 0),
-        max(y0 - ring, 0),
-        min(x1 + ring, width),
-        min(y1 + ring, height),
+    rows, columns = (
+        (max(first - ring, 0), min(last + ring, size))
+        for first, last, size in ((y0, y1, height), (x0, x1, width))
     )
-    seen = np.count_nonzero(~hidden[y0:y1, x0:x1])
+    seen = np.count_nonzero(~hidden[slice(*rows), slice(*columns)])
     cell = max(2, int(np.ceil(np.sqrt(seen / _MAX_CELLS))))
-    return (x0, y0, x0 + (x1 - x0) // cell * cell, y0 + (y1 - y0) // cell * cell), cell
+    for wider in range(cell, 2 * cell + 1):
+        down = _whole_cells(rows, (y0, y1), wider)
+        right = _whole_cells(columns, (x0, x1), wider)
+        if down is not None and right is not None:
+            return (right[0], down[0], right[1], down[1]), wider
+    raise _too_little()
+
+
+def _whole_cells(
+    window: tuple[int, int], hidden: tuple[int, int], cell: int
+) -> tuple[int, int] | None:
+    """The span of whole cells that has what is hidden; None if no multiple of a cell has it."""
+    rest = (window[1] - window[0]) % cell
+    after = min(rest, window[1] - hidden[1])
+    first, last = window[0] + rest - after, window[1] - after
+    return (first, last) if first <= hidden[0] else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,16 +365,16 @@ class _Kriging:
         trend = np.column_stack([np.ones(len(at)), at / (at.max(axis=0) + 1) - 0.5])
         return cls(known, wanted, cdist(some, some), cdist(some, at), cdist(m, m), trend)
 
-    def covariances(self, y: Array) -> list[list[_Covariance]]:
-        """For each axis of the light y (n, 3) of the known cells all covariances, by restricted
-        likelihood with the amplitude that maximizes it.
+    def covariances(self, y: Array, orders: Sequence[float] = _ORDERS) -> list[list[_Covariance]]:
+        """For each axis of the light y (n, 3) of the known cells all covariances of some orders, by
+        restricted likelihood with the amplitude that maximizes it.
         """
         T = self.trend[self.known.ravel()]
         null = np.linalg.qr(T, mode="complete")[0][:, T.shape[1] :]
         projected = null.T @ y
         found: list[list[_Covariance]] = [[], [], []]
         for order, length in product(
-            _ORDERS, np.geomspace(1, 2 * float(self.to_known.max()), _LENGTHS)
+            orders, np.geomspace(1, 2 * float(self.to_known.max()), _LENGTHS)
         ):
             R = _matern(order, self.to_known / length)
             values, vectors = np.linalg.eigh(null.T @ R @ null)
@@ -387,6 +431,50 @@ class _Kriging:
         shape = (*self.known.shape, 3)
         std, *drawn = (one.reshape(shape) for one in deviations)
         return mean.reshape(shape), std, drawn
+
+
+class _Cells(NamedTuple):
+    """Cells of a window, and where it is seen."""
+
+    seen: Bools  # (h, w)
+    known: Bools  # (rows, columns): of which enough is seen
+    width: int
+
+    def means(self, light: Array) -> Array:
+        """(rows, columns, 3) of what is seen of light (h, w, 3)."""
+        count = block_sums(self.seen.astype(float), self.width)
+        sums = block_sums(np.where(self.seen[..., None], light, 0), self.width)
+        return np.asarray(sums / np.maximum(count, 1)[..., None])
+
+    def variance_within(self, light: Array) -> Array:
+        """(3,) of the pixels about the means of their cells."""
+        means = self.means(light).repeat(self.width, axis=0).repeat(self.width, axis=1)
+        return np.asarray(((light - means)[self.seen] ** 2).mean(axis=0))
+
+
+def _likeliest_lines(light: Array, hidden: Bools, cells: _Cells, kriging: "_Kriging") -> Lines:
+    """Lines that make the surroundings likelier, by the Bayesian information criterion of the cells.
+
+    Cells have a rough smooth part, and pixels are independent within them: each cell counts as one.
+    """
+    count = np.count_nonzero(cells.known)
+
+    def criterion(lines: Lines) -> float:
+        rest = light - lines.mean
+        found = kriging.covariances(cells.means(rest)[cells.known], _ORDERS[:1])
+        likely = sum(max(one.log_likelihood for one in each) for each in found)
+        within = np.log(cells.variance_within(rest) + _MIN_VARIANCE).sum()
+        return float(
+            likely - 0.5 * count * within - 0.5 * np.log(count) * lines.parameters / cells.width
+        )
+
+    best = Lines.none(light.shape)
+    more = best.and_next(light, cells.seen, hidden)
+    least = criterion(best) if more is not None else 0.0
+    while more is not None and (likely := criterion(more)) > least:
+        best, least = more, likely
+        more = best.and_next(light, cells.seen, hidden)
+    return best
 
 
 def _root(S: Array) -> Array:

@@ -44,7 +44,12 @@ _SECTIONS = {
         "track": "tracking",
         "edit": "editing",
     },
-    "More on color and motion": {"color": "solving", "paints": "layers", "locate": "motion"},
+    "More on color and motion": {
+        "find": "finding",
+        "color": "solving",
+        "paints": "layers",
+        "locate": "motion",
+    },
     "Layers and pictures": {
         "sharpen": "sharpening",
         "remove": "editing",

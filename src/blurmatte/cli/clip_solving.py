@@ -28,6 +28,7 @@ from blurmatte.cli.console import (
 from blurmatte.cli.output_checks import check_folder
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
+    GUESSED,
     ColorOptions,
     FrameSelection,
     Selection,
@@ -72,7 +73,7 @@ class MaybePlate:
     @property
     def is_guessed(self) -> bool:
         """Whether there is none, and a single picture must do."""
-        return Path("none") in self.files
+        return GUESSED in self.files
 
 
 @dataclass(frozen=True)

@@ -30,10 +30,21 @@ from blurmatte.cli.console import about, option, say, waiting
 from blurmatte.cli.output_checks import PICTURE, check_file
 from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch_row
 from blurmatte.cli.rows import is_row
-from blurmatte.cli.selection import Out, PlateOptions, Reading, matching_of
+from blurmatte.cli.selection import (
+    GUESSED,
+    Out,
+    PlateOptions,
+    Reading,
+    check_photographed,
+    guess_behind,
+    matching_of,
+)
 from blurmatte.formats import JPEG, format_at
 
 OWN = "In its own picture"
+_NOT_OF_A_ROW = (
+    "of a row give the plate that solve made of it, or remove from one picture after another"
+)
 
 
 @dataclass(frozen=True)
@@ -52,7 +63,9 @@ class OriginalPicture:
     """The picture that a layer is from."""
 
     image: Annotated[Path | None, option("FILE", "It, kept where nothing changes.", OWN)] = None
-    plate: Annotated[Path | None, option("FILE", "The scene without the object.", OWN)] = None
+    plate: Annotated[
+        Path | None, option("FILE|none", "The scene without the object; none: guess.", OWN)
+    ] = None
     match: Annotated[
         str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", OWN)
     ] = "auto"
@@ -90,6 +103,7 @@ def edit(
         if own.image is None:
             edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
             return
+        check_photographed(own.plate, _NOT_OF_A_ROW)
         plate = None if own.plate is None else reading.read(own.plate)
 
         def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
@@ -111,12 +125,19 @@ def edit(
                 bm.write(out, done.after)
             say(str(out))
         else:
-            pictures = [own.image, *filter(None, [own.plate])]
+            pictures = [own.image, *filter(None, [_photographed(own.plate)])]
+            source = Path(layer)
             reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
-            before, read = _read(reading, reader, Path(layer), pictures)
-            with about(Path(layer)):
+            before, read = _read(reading, reader, source, pictures)
+            with about(source):
                 after = changed(before, wanted)
-            matched = _matched(own.plate, own.match, read)
+            matched: bm.LinearImage | None
+            if own.plate == GUESSED:
+                with about(source):
+                    _, streak = layer_and_streak(source, reading)
+                    matched = guess_behind(read[0], streak).plates[0]
+            else:
+                matched = _matched(own.plate, own.match, read)
             with about(Path(layer)):
                 result, touched = bm.retouch(read[0], before, after, matched)
             done = _Edit(before, after, read[0], result, matched)
@@ -148,6 +169,7 @@ def remove(
     source = Path(layer)
     if is_row(source) or is_row(image):
         _check_one_layer(layer, looks)
+        check_photographed(plate.plate, _NOT_OF_A_ROW)
         scene = reading.read(plate.plate)
 
         def removed(picture: bm.LinearImage, _: bm.Layer, streak: Any) -> Shown:
@@ -159,11 +181,19 @@ def remove(
         return
     with waiting("removing"):
         (before, streak), read = _read(
-            reading, lambda: layer_and_streak(source, reading), source, [image, plate.plate]
+            reading,
+            lambda: layer_and_streak(source, reading),
+            source,
+            [image, *filter(None, [_photographed(plate.plate)])],
         )
-        picture, scene = read
-        with about(plate.plate):
-            match = bm.background.fit_match(picture, scene, matching_of(plate.match))
+        picture, match = read[0], None
+        if plate.plate == GUESSED:
+            with about(source):
+                scene = guess_behind(picture, streak, grow)
+        else:
+            scene = read[1]
+            with about(plate.plate):
+                match = bm.background.fit_match(picture, scene, matching_of(plate.match))
         with about(source):
             bm.checks.check_same_size("the layer", before.size, "the image", picture.size)
             result, touched = bm.remove(picture, scene, streak, grow, match)
@@ -215,6 +245,11 @@ def compose(
             bm.write(out, result)
         say(str(out))
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
+
+
+def _photographed(plate: Path | None) -> Path | None:
+    """The file of a plate; None if there is none, or it is guessed."""
+    return None if plate == GUESSED else plate
 
 
 def _changed_if_any(layer: bm.Layer, wanted: Sequence[Change]) -> bm.Layer:

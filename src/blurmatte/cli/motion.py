@@ -25,7 +25,7 @@ from blurmatte.cli.quantities import (
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.selection import Layer, Reading
+from blurmatte.cli.selection import GUESSED, Layer, Reading, guess_behind
 
 PLANE = "A plane"
 DRAWING = "Drawing"
@@ -161,7 +161,9 @@ def locate(
     image: Annotated[
         Path | None, option("FILE", "With --plate: fit the flight to the picture, in depth.")
     ] = None,
-    plate: Annotated[Path | None, option("FILE", "The scene without the object.")] = None,
+    plate: Annotated[
+        Path | None, option("FILE|none", "The scene without the object; none: guess.")
+    ] = None,
     out: Numbers = None,
     as_json: AsJson = False,
 ) -> None:
@@ -189,8 +191,11 @@ def locate(
             if image is None or plate is None:
                 found.append(bm.motion.measure_ball(_sweep(solution, "--camera"), *known))
             else:
-                picture, behind = reading.read(image), reading.read(plate)
-                matched = bm.match_plate(behind, picture)
+                picture = reading.read(image)
+                if plate == GUESSED:
+                    matched = guess_behind(picture, solution.streak).plates[0]
+                else:
+                    matched = bm.match_plate(reading.read(plate), picture)
                 found.append(bm.motion.fit_ball(picture, matched, *known, solution.sweep))
         if lens is not None and speed is not None:
             if time is None:

@@ -20,7 +20,7 @@ from blurmatte.cli.output_checks import (
     check_file,
 )
 from blurmatte.cli.rows import ROWS, expanded
-from blurmatte.cli.selection import Out, Reading, matching_of
+from blurmatte.cli.selection import GUESSED, Out, Reading, guess_behind, matching_of
 
 PICTURES = "Its pictures"
 _OVER_PLATE = tuple(name for name in CLIPS if name not in CLIPS_OF_LAYERS)  # have no alpha
@@ -32,7 +32,7 @@ class Blurred:
     """The pictures that a layer is from; with them the path is refined."""
 
     image: Annotated[Path | None, option("FILE", "With the object.", PICTURES)] = None
-    plate: Annotated[Path | None, option("FILE", "Without it.", PICTURES)] = None
+    plate: Annotated[Path | None, option("FILE|none", "Without it; none: guess.", PICTURES)] = None
     match: Annotated[
         str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", PICTURES)
     ] = "auto"
@@ -48,6 +48,8 @@ class Blurred:
             raise ValueError(
                 "--spin needs --image and --plate, the pictures with the ball and without"
             )
+        if self.image is None and self.plate == GUESSED:
+            raise ValueError("--plate none needs --image, from which the scene is guessed")
         if self.image is not None and self.plate is None:
             raise ValueError("--image needs --plate, the scene without the object")
 
@@ -87,7 +89,7 @@ def sharpen(
         raise ValueError(f"{out.suffix} has no alpha: add --plate, or write .mov or .exr")
     answers: list[dict[str, Any]] = []
     with waiting("sharpening"):
-        image, plate = _read(pictures, reading)
+        image, plate = _read(pictures, reading, files[0])
         sharps = _sharpened(files, image, plate, reading, sheet, pictures.spin)
         _write(out, sharps, frames, plate, rate, answers)
     lines = []
@@ -108,11 +110,16 @@ def sharpen(
 
 
 def _read(
-    pictures: Blurred, reading: Reading
+    pictures: Blurred, reading: Reading, layer: Path
 ) -> tuple[bm.LinearImage | None, bm.LinearImage | None]:
     """Image and plate, matched, where they are given."""
     if pictures.plate is None:
         return None, None
+    if pictures.image is not None and pictures.plate == GUESSED:
+        image = reading.read(pictures.image)
+        with about(layer):
+            streak = bm.read_solution(layer, reading.max_pixels).streak
+            return image, guess_behind(image, streak).plates[0]
     plate = reading.read(pictures.plate)
     if pictures.image is None:
         return None, plate

@@ -42,6 +42,7 @@ from blurmatte.cli.selection import (
     PlateOptions,
     Region,
     Selection,
+    check_photographed,
     kind_of_color,
     matching_of,
 )
@@ -244,6 +245,7 @@ def color(
 ) -> None:
     """Find the color of the moving object, and its error."""
     check_file(out, "a color model", ".json")
+    check_photographed(plate.plate, "solve --plate none finds the color and writes model.json")
     path = expanded([image])[0]
     selection = Selection(reading, colors, region)
     reading = _with_curve(reading, path, plate.plate)

@@ -14,7 +14,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from blurmatte.background import Match
+from blurmatte.background import Match, PlateGuess
 from blurmatte.checks import Bools, check_map, check_same_size, rows_columns
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.radiometry import LinearImage, check_picture
@@ -85,7 +85,7 @@ def remove(
     Parameters
     ----------
     image, plate : LinearImage
-        The picture, and the scene without the object.
+        The picture, and the scene without the object. Of a `PlateGuess`, the scene with grain.
     streak : (H, W) bool
         Pixels to replace, e.g. `solution.streak`.
     grow : int
@@ -113,6 +113,8 @@ def remove(
         raise ValueError(f"grow must be 0 or more pixels, got {grow}")
     if grow > 0:
         streak = scipy.ndimage.maximum_filter(streak, 2 * grow + 1)
+    if isinstance(plate, PlateGuess):
+        plate = plate.with_grain
     # Interpolation spreads `valid` but not `clipped`: declare what was recorded valid before it.
     plate = replace(plate, valid=plate.valid | plate.clipped.any(axis=-1))
     if match is not None:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.background import ParallaxRegion, PlateFit
+from blurmatte.background import ParallaxRegion, PlateFit, PlateGuess
 from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.explain import explain
@@ -75,9 +75,13 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     check_solution("solution", solution)
     check_same_size("image", image.size, "plate", plate.size)
     check_same_size("image", image.size, "solution", solution.size)
+    guess = plate if isinstance(plate, PlateGuess) else None
     image, plate = image.in_srgb(), plate.in_srgb()
-    layout = _layout(solution)
-    panels = _panels(image, plate, solution, _surroundings(solution, layout))
+    layout = _layout(solution, 6 if guess is None else 8)
+    place = _surroundings(solution, layout)
+    panels = _panels(image, plate, solution, place)
+    if guess is not None:
+        panels[2:2] = _guess_panels(guess, place)
     sheet = Canvas()
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
     sheet.title(
@@ -173,13 +177,24 @@ def _panels(
     background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
     return [
         Panel(image.rgb[place], "image"),
-        Panel(plate.rgb[place], "plate"),
+        Panel(plate.rgb[place], "plate", "a guess" if isinstance(plate, PlateGuess) else ""),
         Panel(gray_codes(layer.alpha, peak), "alpha", f"white = {peak:g}"),
         Panel(layer.premultiplied, "light", "that is added, over black")
         if solution.stats.only_adds_light
         else Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
         _error_panel(part),
         Panel(layer.over(background).rgb, "layer", "over a checkerboard"),
+    ]
+
+
+def _guess_panels(guess: PlateGuess, place: tuple[slice, slice]) -> list[Panel]:
+    """Another scene that agrees with the surroundings, and the error of the guess."""
+    std = np.where(guess.hidden, np.sqrt(np.asarray(guess.variance).mean(axis=-1)), 0)
+    top = round_up(float(np.percentile(std[guess.hidden], 98)))
+    errors = heat_codes(np.clip(std[place] / top, 0, 1))
+    return [
+        Panel(guess.plates[1].in_srgb().rgb[place], "as likely", "another scene"),
+        Panel(errors, "plate error", "std of the guess, 1 is white", [(None, f"0 to {top:g}")]),
     ]
 
 
@@ -198,14 +213,14 @@ def _surroundings(solution: Solution, layout: Layout) -> tuple[slice, slice]:
     return around[0], around[1]
 
 
-def _layout(solution: Solution) -> Layout:
-    """The layout of six panels with a margin of an eighth, or of 4 pixels if that enlarges more."""
+def _layout(solution: Solution, count: int) -> Layout:
+    """The layout of so many panels with a margin of an eighth, or of 4 pixels if that enlarges more."""
     (top, bottom), (left, right) = _spans(solution)
     width, height = solution.size
     layouts = []
     for rim in (max(4, max(right - left, bottom - top) // 8), 4):
         size = min(right - left + 2 * rim, width), min(bottom - top + 2 * rim, height)
-        layouts.append(Layout.best(size, 6))
+        layouts.append(Layout.best(size, count))
     return max(layouts, key=lambda layout: layout.scale)
 
 
