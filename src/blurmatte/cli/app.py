@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
 from functools import cache
@@ -20,10 +20,12 @@ import blurmatte as bm
 from blurmatte.cli.console import (
     GENERAL,
     ExitCode,
+    Progress,
     Verbosity,
     complain,
     explain_failure,
     flag,
+    listening,
     printing,
     say,
     warn,
@@ -57,6 +59,7 @@ _SECTIONS = {
         "stack": "layers",
         "show": "pictures",
         "info": "pictures",
+        "ui": "page",
     },
     "Before you start": {"plate": "plates", "calibrate": "calibration"},
     "Scenes with a known truth": {"render": "scenes", "score": "scenes"},
@@ -242,6 +245,25 @@ calibrate = typer.Typer(
 )
 
 _registered = {"calibrate": calibrate}
+
+
+def run_line(
+    words: Sequence[str], report: Callable[[str, int, int | None, float | None], None]
+) -> int:
+    """Run the words of a command line behind `blurmatte` in this process; its exit code.
+
+    Progress goes to `report`: stage, things done, of how many, seconds left.
+    """
+
+    def listener(now: Progress) -> None:
+        report(now.stage, now.done, now.of, now.seconds_left)
+
+    with listening(listener):
+        try:
+            app(list(words), prog_name="blurmatte")
+        except SystemExit as end:
+            return end.code if isinstance(end.code, int) else int(end.code is not None)
+    return ExitCode.DONE
 
 
 def command(*examples: str, group: typer.Typer | None = None) -> Callable[[F], F]:

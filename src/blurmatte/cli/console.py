@@ -16,10 +16,10 @@ import textwrap
 import time
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from contextvars import ContextVar
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
@@ -139,7 +139,8 @@ class _Stages(logging.Handler):
 
     def emit(self, record: logging.LogRecord) -> None:
         """Show the stage; print it if details are asked for."""
-        _shown.get().stage(record.getMessage())
+        if (task := _task.get()) is not None:
+            task.stage(record.getMessage())
         if _verbosity.get().verbose:
             _write(
                 f"blurmatte: {time.monotonic() - self.begun:.1f} s: {record.getMessage()}",
@@ -318,54 +319,122 @@ def about(path: Path) -> Iterator[list[str]]:
             raise NamedError(f"{path}: {error}") from error
 
 
-@dataclass
-class _Shown:
-    """The bar on the screen, if there is one, and what the current task is called."""
+@dataclass(frozen=True)
+class Progress:
+    """How far a command is, as a terminal and other programs show it."""
 
-    bar: Any = None  # a rich.progress.Progress; rich is imported only for a terminal
-    task: Any = None
-    title: str = ""
+    stage: str
+    done: int = 0
+    of: int | None = None  # things to do; None if that is not counted
+    seconds_left: float | None = None
+
+    def __str__(self) -> str:
+        return f"{self.stage} {self.done}/{self.of}" if self.of else self.stage
+
+
+Listener = Callable[[Progress], None]
+
+
+@dataclass
+class _Task:
+    """What is done now; whoever listens gets its progress at every change."""
+
+    listener: Listener
+    title: str
+    of: int | None
+    done: int = 0
+    name: str = ""
+    begun: float = field(default_factory=time.monotonic)
 
     def stage(self, name: str) -> None:
-        """Show what is done now, and which of the stages it is."""
-        if self.bar is not None:
-            if name in STAGES:
-                name = f"{STAGES.index(name) + 1}/{len(STAGES)} {name}"
-            self.bar.update(self.task, description=f"{self.title}: {name}" if self.title else name)
+        """Say what is done now, and which of the stages it is."""
+        if name in STAGES:
+            name = f"{STAGES.index(name) + 1}/{len(STAGES)} {name}"
+        self.name = name
+        self.report()
+
+    def advance(self) -> None:
+        """One thing more is done."""
+        self.done += 1
+        self.report()
+
+    def report(self) -> None:
+        """Give the progress to the listener."""
+        left = None
+        if self.of and self.done:
+            left = (time.monotonic() - self.begun) / self.done * (self.of - self.done)
+        counted = self.title if self.of else ""
+        stage = ": ".join(filter(None, (counted, self.name))) or self.title
+        self.listener(Progress(stage, self.done, self.of, left))
 
 
-_shown: ContextVar[_Shown] = ContextVar("shown", default=_Shown())  # noqa: B039
+_task: ContextVar[_Task | None] = ContextVar("task", default=None)
+_listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
+
+
+@contextmanager
+def listening(listener: Listener) -> Iterator[None]:
+    """Give progress to a listener within this context, in place of a terminal."""
+    token = _listener.set(listener)
+    try:
+        yield
+    finally:
+        _listener.reset(token)
 
 
 def with_progress(things: Iterable[T], doing: str, count: int | None = None) -> Iterator[T]:
-    """Iterate, and show on a terminal what is done, for how long and, of several things, how far.
+    """Iterate, and show what is done, for how long and, of several things, how far.
 
     `count` is needed if `things` has no length.
     """
     if count is None:
         assert isinstance(things, Sized)
         count = len(things)
-    with _bar(doing, count if count > 1 else None) as shown:
+    with _doing(doing, count if count > 1 else None) as task:
         for thing in things:
             yield thing
-            if shown.bar is not None:
-                shown.bar.advance(shown.task)
+            if task is not None:
+                task.advance()
 
 
 @contextmanager
 def waiting(doing: str) -> Iterator[None]:
-    """Show on a terminal what is done and for how long."""
-    with _bar(doing, None):
+    """Show what is done and for how long."""
+    with _doing(doing, None):
         yield
 
 
 @contextmanager
-def _bar(doing: str, count: int | None) -> Iterator[_Shown]:
-    """A spinner, or a bar if there is a count; nothing unless stderr is a terminal."""
-    if not sys.stderr.isatty() or _verbosity.get().quiet or _shown.get().bar is not None:
-        _shown.get().stage(doing)
-        yield _Shown()
-        return
+def _doing(doing: str, count: int | None) -> Iterator[_Task | None]:
+    """A task, unless nobody looks; within another one a stage of that."""
+    listener, around = _listener.get(), _task.get()
+    if around is not None:
+        around.stage(doing)
+        yield None
+    elif listener is not None:
+        with _current(_Task(listener, doing, count)) as task:
+            yield task
+    elif sys.stderr.isatty() and not _verbosity.get().quiet:
+        with _bar(doing, count) as bar, _current(_Task(bar, doing, count)) as task:
+            yield task
+    else:
+        yield None
+
+
+@contextmanager
+def _current(task: _Task) -> Iterator[_Task]:
+    """The task in this context."""
+    token = _task.set(task)
+    try:
+        task.report()
+        yield task
+    finally:
+        _task.reset(token)
+
+
+@contextmanager
+def _bar(doing: str, count: int | None) -> Iterator[Listener]:
+    """A spinner on the terminal, or a bar if there is a count."""
     from rich import progress
     from rich.console import Console
 
@@ -380,9 +449,5 @@ def _bar(doing: str, count: int | None) -> Iterator[_Shown]:
         redirect_stdout=sys.stdout.isatty(),  # what goes to a file must not come here
     )
     with bar:
-        shown = _Shown(bar, bar.add_task(doing, total=count), doing if count else "")
-        token = _shown.set(shown)
-        try:
-            yield shown
-        finally:
-            _shown.reset(token)
+        shown = bar.add_task(doing, total=count)
+        yield lambda now: bar.update(shown, description=now.stage, completed=now.done)
