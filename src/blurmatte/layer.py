@@ -181,9 +181,8 @@ class Layer(Displayed):
     def amplify(self, factor: float, brightness: float = 1.0) -> "Layer":
         """Enhance a faint object: alpha times a factor, color scaled to a brightness.
 
-        The enhancement of [GC07 Fig. 4]. The color is scaled so that the 99 % quantile of the brightest
-        channel, weighted by alpha, is `brightness`. Hue and shading are kept. Of a layer that only
-        adds light, the light is its own weight.
+        The enhancement of [GC07 Fig. 4]. The color is scaled so that the quantile `brightest` becomes
+        `brightness`. Hue and shading are kept.
 
         Parameters
         ----------
@@ -198,15 +197,28 @@ class Layer(Displayed):
             If a number is negative or not finite, or the layer is empty.
         """
         _check_factor("brightness", brightness)
+        top = self.brightest
+        faded = self if self.only_adds_light else self.fade(factor)
+        return faded if top <= 0 else faded.relight(brightness / top)
+
+    @property
+    def brightest(self) -> float:
+        """The 99 % quantile of the color's brightest channel, weighted by alpha.
+
+        Of a layer that only adds light, the light is its own weight.
+
+        Raises
+        ------
+        ValueError
+            If the layer is empty.
+        """
         place = rows_columns(self.box)
         lit = self.only_adds_light
         brightest = (self.premultiplied if lit else self.straight())[place].max(axis=-1).ravel()
         weight = (np.maximum(brightest, 0) if lit else self.alpha[place].ravel()).astype(float)
         order = np.argsort(brightest, kind="stable")
         share = np.cumsum(weight[order])
-        top = brightest[order[np.searchsorted(share, 0.99 * share[-1])]]
-        faded = self if lit else self.fade(factor)
-        return faded if top <= 0 else faded.relight(brightness / float(top))
+        return float(brightest[order[np.searchsorted(share, 0.99 * share[-1])]])
 
     def recolor(self, *colors: Color, paints: Sequence[Color] | None = None) -> "Layer":
         """The object with other hues and the same shading.

@@ -115,9 +115,10 @@ class _Viewer:
         picture = self._picture(path, 0)
         meta = picture.meta
         width, height = picture.size
-        held = "solution" if self._solution(path) is not None else "picture"
+        solution = self._solution(path)
         return {
-            "kind": held,
+            "kind": "picture" if solution is None else "solution",
+            "layer": None if solution is None else _of_layer(solution.layer),
             "width": width,
             "height": height,
             "frames": 1,
@@ -222,9 +223,9 @@ class _Viewer:
             solution = self._solution(path)
             if solution is None:
                 raise ValueError(f"{path.name} holds no errors; choose the layer.exr of solve")
-            std, flags = np.nan_to_num(solution.alpha_std), solution.quality.astype(np.float32)
-            zero = np.zeros_like(std)
-            return np.dstack([std, flags, zero, zero + 1]).astype(np.float32)
+            std = np.where(solution.streak, np.nan_to_num(solution.alpha_std), 0)
+            one = np.ones_like(std)
+            return np.dstack([std, solution.quality, one, one]).astype(np.float32)
         raise ValueError(f"part must be picture, layer or error, got {part!r}")
 
     def _picture(self, path: Path, frame: int) -> bm.LinearImage:
@@ -285,6 +286,18 @@ def _read(path: Path) -> bm.LinearImage:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", bm.BlurmatteWarning)  # the commands say them
         return bm.read(path).in_srgb()
+
+
+def _of_layer(layer: bm.Layer) -> dict[str, Any] | None:
+    """What changes of a layer depend on: its box, mean color, and 99 % quantile of brightness."""
+    if layer.empty:
+        return None
+    return {
+        "box": list(layer.box),
+        "color": layer.color.tolist(),
+        "brightest": layer.brightest,
+        "peak": float(layer.alpha.max()),
+    }
 
 
 def _frame(frames: bm.Frames[Any], number: int) -> bm.LinearImage:
