@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import shutil
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -231,8 +232,9 @@ class Session:
     def add(self, words: Sequence[Any], title: str) -> Job:
         """Queue a command line; RefusedError if its words are none.
 
-        Each word is a text; `{"file": number}`; `{"job": number, "name": result}`, with an empty name
-        the folder of an earlier job; or `{"out": name}`, a result of this job or, empty, its folder.
+        Each word is a text; `{"file": number}`; `{"job": number, "name": result}`, where the result may
+        be a row, layer.######.exr, or empty, the folder of an earlier job; or `{"out": name}`, a result
+        of this job or, empty, its folder.
         """
         number = len(self.jobs) + 1
         if not words or words[0] not in COMMANDS:
@@ -265,8 +267,11 @@ class Session:
                 path = self.source(number, None, None)
                 return str(path), self.files[number].shown
             case {"job": int(number), "name": str(name)}:
-                whole = number in self.jobs and not name
-                path = self.jobs[number].folder if whole else self.source(None, number, name)
+                job = self.jobs.get(number)
+                if job is not None and (not name or _is_row(name, job.files)):
+                    path = job.folder / name
+                else:
+                    path = self.source(None, number, name)
                 return self._relative(path), self._relative(path)
             case {"out": str(name)}:
                 path = (folder / name).resolve()
@@ -449,6 +454,12 @@ class Session:
                 continue
             self._changed.clear()
             await self._changed.wait()
+
+
+def _is_row(name: str, names: Sequence[str]) -> bool:
+    """Whether it is the pattern of a row of these names: layer.######.exr."""
+    pattern = re.compile(re.escape(name).replace(r"\#", r"\d"))
+    return "#" in name and any(pattern.fullmatch(one) for one in names)
 
 
 def kind_of(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 import time
+import warnings
 from collections import OrderedDict, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -46,6 +47,7 @@ class Answer:
 
 def look(pipe: Connection, private: Path) -> None:
     """Answer questions until the server ends, and then delete its private folder."""
+    warnings.simplefilter("ignore")  # the commands say them
     viewer = _Viewer()
     waiting: deque[Question] = deque()
     while True:
@@ -115,10 +117,10 @@ class _Viewer:
         picture = self._picture(path, 0)
         meta = picture.meta
         width, height = picture.size
-        solution = self._solution(path)
+        solution, layer = self._solution(path), self._layer_if_any(path)
         return {
-            "kind": "picture" if solution is None else "solution",
-            "layer": None if solution is None else _of_layer(solution.layer),
+            "kind": "solution" if solution else "layer" if layer else "picture",
+            "layer": None if layer is None else _of_layer(layer),
             "width": width,
             "height": height,
             "frames": 1,
@@ -183,7 +185,9 @@ class _Viewer:
         }
         shown = np.clip(bm.SRGB.encode(np.clip(mean, 0, 1)), 0, 1)
         numbers["hex"] = "#" + "".join(f"{round(255 * float(c)):02x}" for c in shown)
-        solution = self._solution(path)
+        solution, layer = self._solution(path), self._layer_if_any(path)
+        if solution is None and layer is not None:
+            numbers["alpha"] = float(layer.alpha[y, x])
         if solution is not None:
             numbers |= {
                 "alpha": float(solution.alpha[y, x]),
@@ -260,6 +264,15 @@ class _Viewer:
             lambda x: 4 * int(x.alpha.nbytes),
         )
 
+    def _layer_if_any(self, path: Path) -> bm.Layer | None:
+        """The layer in an EXR; None if it has no alpha, or is another file."""
+        import blurmatte as bm
+
+        try:
+            return self._layer(path) if path.suffix.lower() == ".exr" else None
+        except bm.BlurmatteError:
+            return None
+
     def _solution(self, path: Path) -> bm.Solution | None:
         """A solution; None if the file is something else."""
         import blurmatte as bm
@@ -279,13 +292,9 @@ class _Viewer:
 
 def _read(path: Path) -> bm.LinearImage:
     """A picture in linear sRGB, to look at."""
-    import warnings
-
     import blurmatte as bm
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bm.BlurmatteWarning)  # the commands say them
-        return bm.read(path).in_srgb()
+    return bm.read(path).in_srgb()
 
 
 def _of_layer(layer: bm.Layer) -> dict[str, Any] | None:

@@ -8,6 +8,8 @@ const LETTERS = /** @type {Record<string, string>} */ ({ confirmed: "C", plausib
 const CHARTS = /** @type {[string, string, string][]} */ ([
   ["x", "x, pixels", "x_std"], ["y", "y, pixels", "y_std"], ["speed", "speed", "speed_std"], ["radius", "radius, pixels", "radius_std"]]);
 
+const MOST_LETTERS = 80; // cells that are wide enough for one
+
 let playing = 0;
 
 /** @param {number} frame */
@@ -72,10 +74,11 @@ function Strip({ last }) {
   const cells = Array.from({ length: count }, (_, k) => Math.floor((k * (last + 1)) / count));
   const kind = (/** @type {any} */ row, /** @type {number} */ k) => row ? row.grade ?? (row.x === null ? "none" : "seen")
     : running?.of && k < (count * running.done) / running.of ? "done" : "";
-  return h("svg", { class: "strip", viewBox: `0 0 ${count} 10`, preserveAspectRatio: "none", role: "img",
-    "aria-label": stripInWords(by) }, cells.map((frame, k) => h("rect", {
-    key: frame, x: k, y: 0, width: 1, height: 10, class: `cell ${kind(by.get(frame), k)}`, onClick: () => go(frame),
-  }, h("title", null, `frame ${frame} ${LETTERS[by.get(frame)?.grade] ?? ""} ${by.get(frame)?.doubts ?? ""}`))));
+  return h("div", { class: "strip", role: "img", "aria-label": stripInWords(by), style: { gridTemplateColumns: `repeat(${count}, 1fr)` } },
+    cells.map((frame, k) => h("span", {
+      key: frame, class: `cell ${kind(by.get(frame), k)}${frame === store.frame ? " here" : ""}`, onClick: () => go(frame),
+      title: `frame ${frame} ${by.get(frame)?.grade ?? ""} ${by.get(frame)?.doubts ?? ""}`,
+    }, count <= MOST_LETTERS ? LETTERS[by.get(frame)?.grade] ?? "" : "")));
 }
 
 /** @param {Map<number, any>} by */

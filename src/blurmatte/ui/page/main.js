@@ -5,13 +5,13 @@ import { ClipBar } from "./clip.js";
 import { NumberField, Slider } from "./controls.js";
 import { Edit, Measure, Sharp, Solve } from "./panels.js";
 import { active, answer, cancel, change, drop, example, exchange, facts, follow, isClip, job, onChange, resume, solution, store, takeExample, trying } from "./store.js";
-import { Viewer, pickAt, views } from "./viewer.js";
+import { Viewer, pickAt, useMask, views } from "./viewer.js";
 import { createRef, h, render } from "./vendor/preact.js";
 import { quoted } from "./words.js";
 
 const viewer = createRef();
 const TABS = { Solve, Edit, Measure, Sharp };
-const TOOLS = ["Pan", "Box", "Pick color", "Ruler"];
+const TOOLS = ["Pan", "Box", "Mask", "Pick color", "Ruler"];
 
 function Header() {
   const { server } = store;
@@ -80,6 +80,12 @@ function ToolBar() {
     store.tool === "Ruler" && ["x0", "y0", "x1", "y1"].map((name, k) => h(NumberField, {
       name: `Ruler ${name}`, value: line ? Math.round(10 * line[k]) / 10 : "", onChange: (/** @type {number} */ v) => change({ line: set(line, k, v, [0, 0, 100, 0]) }) })),
     store.tool === "Pick color" && h(PickFields, null),
+    store.tool === "Mask" && [
+      h(NumberField, { name: "Brush", value: store.brush, onChange: (/** @type {number} */ brush) => change({ brush: Math.max(1, brush) }) }),
+      store.strokes.length > 0 && [
+        h("button", { onClick: () => useMask("Region") }, "It moved here"),
+        h("button", { onClick: () => useMask("Occluder") }, "This is in front"),
+        h("button", { onClick: () => change({ strokes: [] }) }, "No mask")]],
     h("output", { class: "values", "aria-label": "Values under the cursor" }, valuesInWords()),
   );
 }
@@ -99,7 +105,8 @@ function valuesInWords() {
   const seen = store.under;
   if (!seen) return "";
   const three = (/** @type {number[]} */ all) => all.map((v) => v.toFixed(3)).join(" ");
-  const alpha = seen.alpha === undefined ? "" : `  alpha ${seen.alpha.toFixed(3)} ± ${seen.alpha_std.toFixed(3)}`;
+  const std = seen.alpha_std === undefined ? "" : ` ± ${seen.alpha_std.toFixed(3)}`;
+  const alpha = seen.alpha === undefined ? "" : `  alpha ${seen.alpha.toFixed(3)}${std}`;
   const flags = seen.flags?.length ? `  ${seen.flags.join(", ").replaceAll("_", " ")}` : "";
   return `${seen.x}, ${seen.y}: light ${three(seen.light)}${alpha}${flags}`;
 }
@@ -117,6 +124,7 @@ function overlay() {
   return [
     !solution() && !isClip() && found.map((/** @type {number[]} */ region, /** @type {number} */ k) => rect(region, { class: "found", key: `r${k}` })),
     box && rect(box, { class: "box" }),
+    store.strokes.map((stroke, k) => h("polyline", { key: `s${k}`, class: "stroke", "stroke-width": store.brush, points: stroke.concat(stroke.slice(-1)).map((one) => one.join()).join(" ") })),
     sweep && showsPath && h("polyline", { class: "path", points: line(sweep.xy) }),
     sweep && showsPath && sweep.outlines.map((/** @type {number[][]} */ one, /** @type {number} */ k) => [
       h("polygon", { class: "band", points: line(one) }), h("polygon", { class: k ? "outline last" : "outline", points: line(one) })]),

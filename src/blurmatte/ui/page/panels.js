@@ -2,7 +2,7 @@
 
 import { download } from "./api.js";
 import { Check, Field, FileField, Slider } from "./controls.js";
-import { GRADES, answer, change, choosePlate, edit, exchange, facts, isClip, job, layer, makePlate,
+import { GRADES, answer, behind, change, choosePlate, edit, exchange, facts, isClip, job, layer, layers, makePlate,
   run, solution, store, trying } from "./store.js";
 import { paintsOf, sharpRows } from "./viewer.js";
 import { h } from "./vendor/preact.js";
@@ -123,7 +123,8 @@ function Downloads({ number }) {
   const files = store.server?.jobs.find((/** @type {any} */ one) => one.number === number)?.files ?? [];
   const get = (/** @type {string} */ name) => trying(() => download(`/api/jobs/${number}/results/${encodeURI(name)}`, name.split("/").pop() ?? name));
   const known = /** @type {Record<string, string>} */ ({ "overview.png": "sheet", "report.json": "report" });
-  const few = files.filter((/** @type {string} */ name) => files.length < 13 || !/\d{3,}\.\w+$/.test(name));
+  const rows = files.filter((/** @type {string} */ name) => /\d{3,}\.\w+$/.test(name));
+  const few = files.filter((/** @type {string} */ name) => rows.length < 3 || !rows.includes(name));
   return files.length > 0 && h("details", { class: "downloads", open: true }, h("summary", null, "Results"),
     few.map((/** @type {string} */ name) => h("button", { onClick: () => get(name) }, `Download ${known[name] ?? name}`)),
     h("button", { onClick: () => trying(() => download(`/api/jobs/${number}/results.zip`, "results.zip")) }, "Download all as ZIP"));
@@ -143,14 +144,16 @@ function ClipAnswer() {
 // Edit
 
 export function Edit() {
-  const own = layer();
-  if (!own) return h("p", { class: "hint" }, "Solve a picture first: then its object can be changed.");
+  const own = layers();
+  if (!own) return h("p", { class: "hint" }, "Solve a picture or a clip first: then its object can be changed.");
   const { changes } = store;
+  const formats = isClip() ? ["mp4", "mov"] : ["png", "jpg", "tif", "exr"];
+  const format = formats.includes(store.format) ? store.format : formats[0];
   const paints = paintsOf();
   const line = words.changeWords(changes, paints.map((one) => one.hex));
-  const name = `changed.${store.format}`;
+  const name = `changed.${format}`;
   const picture = /** @type {Source} */ (store.picture);
-  const plate = /** @type {any} */ (store.plate);
+  const plate = /** @type {any} */ (behind());
   return [
     h("h2", null, "Change the object"),
     h(Slider, { name: "Fade", value: changes.fade, from: 0, to: 2, step: 0.01, words: `${changes.fade.toFixed(2)} × as opaque`, onInput: (/** @type {number} */ fade) => edit({ fade }) }),
@@ -163,13 +166,13 @@ export function Edit() {
       name: `Gain of ${channel}`, value: changes.gain[k], from: 0, to: 3, step: 0.01, words: changes.gain[k].toFixed(2),
       onInput: (/** @type {number} */ value) => edit({ gain: changes.gain.map((g, j) => (j === k ? value : g)) }) }))),
     h("button", { class: "quiet", onClick: () => edit({ fade: 1, amplify: 1, recolor: [], expose: 0, gain: [1, 1, 1] }) }, "As it was"),
-    h("label", { class: "field" }, h("span", null, "Write as"), h("select", { "aria-label": "Write as", value: store.format, onChange: (/** @type {any} */ e) => change({ format: e.target.value }) },
-      ["png", "jpg", "tif", "exr"].map((one) => h("option", { value: one, selected: one === store.format }, one)))),
+    h("label", { class: "field" }, h("span", null, "Write as"), h("select", { "aria-label": "Write as", value: format, onChange: (/** @type {any} */ e) => change({ format: e.target.value }) },
+      formats.map((one) => h("option", { value: one, selected: one === format }, one)))),
     h("button", { class: "main", disabled: !line.length, onClick: () => run("edit", words.edit(own, picture, plate, line, name), "edit") }, "Write the changed picture"),
     h("h2", null, "Remove it"),
     h(Slider, { name: "Grow", value: store.grow, from: 0, to: 20, step: 1, words: `${store.grow} pixels more`, onInput: (/** @type {number} */ grow) => change({ grow }) }),
-    h("button", { onClick: () => { edit({ fade: 0 }); run("edit", words.remove(own, picture, plate, store.grow, `removed.${store.format}`), "remove"); } }, "Remove the object"),
-    h(Compose, { own, line }),
+    h("button", { onClick: () => { edit({ fade: 0 }); run("edit", words.remove(own, picture, plate, store.grow, `removed.${format}`), "remove"); } }, "Remove the object"),
+    !isClip() && h(Compose, { own, line }),
     h(Written, { kind: "edit" }),
   ];
 }

@@ -31,7 +31,9 @@ const CHOSEN = {
   falseColor: false,
   frame: 0,
   tool: "Pan",
-  radius: 3,
+  radius: 3, // pixels around a picked one
+  strokes: /** @type {number[][][]} */ ([]), // of the painted mask
+  brush: 24, // pixels, its width
   line: /** @type {number[] | null} */ (null), // of the ruler
   lineLength: "",
   ruler: { diameter: "", scale: "", exposure: "", lineTime: "", readout: "", plane: /** @type {string[]} */ ([]),
@@ -129,7 +131,10 @@ async function fetchAnswer(job) {
   const whole = await trying(async () => (await ask(`/api/jobs/${job.number}`)).json());
   if (!whole) return;
   store.answers.set(job.number, whole.answer);
-  if (store.jobs.solve === job.number && solution()) {
+  if (store.jobs.solve === job.number && isClip() && whole.answer?.frames) {
+    const first = whole.answer.frames.find((/** @type {any} */ row) => row.layer);
+    change(first && !clipRow() ? { frame: first.frame, mode: "result" } : { mode: "result" });
+  } else if (store.jobs.solve === job.number && solution()) {
     change({ mode: "result", changes: structuredClone(CHOSEN.changes) });
     describe(/** @type {Source} */ (layerOf(job.number)));
   } else change();
@@ -163,8 +168,27 @@ export function layerOf(number) {
   return one?.files.includes("layer.exr") ? { job: number, name: "layer.exr" } : null;
 }
 
-/** @returns {Source | null} */
-export const layer = () => (solution() ? layerOf(store.jobs.solve) : null);
+/** The layer that is shown, of a clip that of this frame. @returns {Source | null} */
+export function layer() {
+  if (!isClip()) return solution() ? layerOf(store.jobs.solve) : null;
+  const name = clipRow()?.layer;
+  return name ? { job: store.jobs.solve, name } : null;
+}
+
+/** What the last solution of a clip says of this frame. */
+export const clipRow = () => answer("solve")?.frames?.find((/** @type {any} */ row) => row.frame === store.frame && row.layer) ?? null;
+
+/** What commands change: the layer, or all layers of a clip. @returns {Source | null} */
+export function layers() {
+  const done = isClip() && (answer("solve")?.frames ?? []).find((/** @type {any} */ row) => row.layer);
+  return isClip() ? done ? { job: store.jobs.solve, name: done.layer.replace(/\d/g, "#") } : null : layer();
+}
+
+/** The scene behind the object; of a clip that which was made of it. @returns {Source | "none" | null} */
+export function behind() {
+  const made = isClip() && job("solve")?.files.includes("plate.exr");
+  return made ? { job: store.jobs.solve, name: "plate.exr" } : store.plate;
+}
 
 /** Queue a command line. @param {string} kind @param {import("./api.js").Words} line @param {string} title */
 export function run(kind, line, title) {

@@ -2,7 +2,7 @@
 
 import { look } from "./api.js";
 import { Painter, changeOf, lightOf } from "./painter.js";
-import { change, facts, isClip, job, layer, solution, store, trying } from "./store.js";
+import { answer, behind, change, clipRow, drop, facts, job, layer, solution, store, trying } from "./store.js";
 import { Component, createRef, h } from "./vendor/preact.js";
 
 /** @typedef {import("./tiles.js").Part} Part */
@@ -19,8 +19,9 @@ const MOST_ZOOM = 32;
 
 /** Views that there is something to show in. */
 export const views = () => VIEWS.filter(([mode]) =>
-  mode === "picture" || (mode === "plate" ? store.plate && store.plate !== "none" && !isClip()
-    : mode === "over" ? layer() && store.over : mode === "sharp" ? sharpLayer() : layer() && (mode !== "result" || !isClip())));
+  mode === "picture" || (mode === "plate" ? behind() && behind() !== "none"
+    : mode === "over" ? layer() && store.over : mode === "sharp" ? sharpLayer()
+    : ["error", "flags"].includes(mode) ? facts(layer())?.kind === "solution" : layer()));
 
 export class Viewer extends Component {
   constructor(/** @type {any} */ props) {
@@ -129,8 +130,7 @@ export class Viewer extends Component {
     if (before > 0) strips.push({ from: 0, to: before, items: this.items("picture"), data: false });
     if (before < 1) strips.push({ from: before, to: 1, items: this.items(store.mode), data: DATA.includes(store.mode) });
     const light = { stops: store.stops, falseColor: store.falseColor };
-    const white = Math.max(solution()?.alpha_peak ?? 1, 0.01);
-    const done = this.painter.draw(strips.map((one) => ({ ...one, ...light })), view, Math.min(white, 1));
+    const done = this.painter.draw(strips.map((one) => ({ ...one, ...light })), view, peak());
     canvas.dataset.complete = String(done);
     canvas.dataset.script = (performance.now() - begun).toFixed(1);
   }
@@ -143,22 +143,21 @@ export class Viewer extends Component {
       (source && source !== "none" ? { source, part: name, frame } : null);
     const parts = {
       picture: part(store.picture, "picture", store.frame),
-      plate: part(store.plate, "picture"),
+      plate: part(behind(), "picture"),
       layer: part(layer(), "layer"),
-      error: part(layer(), "error"),
+      error: facts(layer())?.kind === "solution" ? part(layer(), "error") : null,
     };
     const size = [found.width, found.height];
     const item = { size, parts, change: currentChange(), scale: 1, at: [0, 0], over: false };
     if (mode === "sharp") {
-      const behind = { ...item, mode: "picture", parts: { picture: parts.plate } };
-      return [behind, { ...item, mode: "layer", parts: { layer: part(sharpLayer(), "layer") }, change: SAME, over: true }];
+      return [{ ...item, mode: "picture", parts: { picture: parts.plate } }, { ...item, mode: "layer", parts: { layer: part(sharpLayer(), "layer") }, change: SAME, over: true }];
     }
     if (mode !== "over") return [{ ...item, mode }];
     const ground = facts(store.over);
     if (!ground) return [];
-    const behind = { ...item, mode: "picture", size: [ground.width, ground.height], parts: { picture: part(store.over, "picture") } };
+    const below = { ...item, mode: "picture", size: [ground.width, ground.height], parts: { picture: part(store.over, "picture") } };
     const at = placed();
-    return [behind, { ...item, mode: "layer", scale: store.place.scale, at, over: true }];
+    return [below, { ...item, mode: "layer", scale: store.place.scale, at, over: true }];
   }
 
   /** Without shaders: pictures of 8 bits that the server draws. */
@@ -169,7 +168,7 @@ export class Viewer extends Component {
     const { x, y, zoom } = this.view;
     Object.assign(image.style, { left: `${-x * zoom}px`, top: `${-y * zoom}px`, width: `${ground.width * zoom}px` });
     const part = ["alpha", "color", "checker", "over"].includes(store.mode) ? "layer" : store.mode === "error" ? "error" : "picture";
-    const source = part === "picture" ? (store.mode === "plate" ? store.plate : store.picture) : layer();
+    const source = part === "picture" ? (store.mode === "plate" ? behind() : store.picture) : layer();
     const key = JSON.stringify([source, part, store.frame, store.stops]);
     if (!source || source === "none" || this.previewed === key) return;
     this.previewed = key;
@@ -192,7 +191,8 @@ export class Viewer extends Component {
     if (event.button !== 0 || !this.ground()) return;
     /** @type {Element} */ (event.currentTarget).setPointerCapture(event.pointerId);
     this.pointer = { from: this.at(event), last: [event.clientX, event.clientY], tool: event.shiftKey ? "Pan" : store.tool };
-    if (this.pointer.tool === "Pick color") this.pick(this.pointer.from);
+    if (this.pointer.tool === "Pick color") pickAt(...whole(this.pointer.from));
+    if (this.pointer.tool === "Mask") change({ strokes: [...store.strokes, [this.pointer.from]] });
     event.preventDefault();
     this.canvas.current.parentElement.focus();
   }
@@ -208,7 +208,9 @@ export class Viewer extends Component {
       change({ place: { ...store.place, x: store.place.x + moved[0], y: store.place.y + moved[1] } });
     } else if (pointer.tool === "Pan") this.panBy(event.clientX - pointer.last[0], event.clientY - pointer.last[1]);
     else if (pointer.tool === "Box") change({ region: this.inside([...pointer.from, ...here]) });
+    else if (pointer.tool === "Mask") change({ strokes: [...store.strokes.slice(0, -1), [...store.strokes[store.strokes.length - 1], here]] });
     else if (pointer.tool === "Ruler") change({ line: [...pointer.from, ...here] });
+    pointer.moved ||= Math.hypot(here[0] - pointer.from[0], here[1] - pointer.from[1]) * this.view.zoom > 3;
     pointer.last = [event.clientX, event.clientY];
   }
 
@@ -216,7 +218,20 @@ export class Viewer extends Component {
     const pointer = this.pointer;
     this.pointer = null;
     const box = store.region;
+    if (pointer && this.isClick(pointer)) this.choose(pointer.from);
     if (pointer?.tool === "Box" && Array.isArray(box) && (box[2] - box[0] < 2 || box[3] - box[1] < 2)) change({ region: null });
+  }
+
+  /** Whether the pointer stayed where it went down. @param {any} pointer */
+  isClick(pointer) {
+    return !pointer.moved && ["Pan", "Box"].includes(pointer.tool);
+  }
+
+  /** Choose the region at a place, the smallest of those there. @param {number[]} place */
+  choose([x, y]) {
+    const there = (answer("find")?.regions ?? []).filter((/** @type {number[]} */ [x0, y0, x1, y1]) => x >= x0 && x < x1 && y >= y0 && y < y1);
+    const area = (/** @type {number[]} */ one) => (one[2] - one[0]) * (one[3] - one[1]);
+    if (there.length && !solution()) change({ region: there.sort((/** @type {number[]} */ a, /** @type {number[]} */ b) => area(a) - area(b))[0] });
   }
 
   /** @param {number[]} corners */
@@ -225,11 +240,6 @@ export class Viewer extends Component {
     const clip = (/** @type {number} */ value, /** @type {number} */ most) => Math.round(Math.min(Math.max(value, 0), most));
     return [clip(Math.min(x0, x1), found.width), clip(Math.min(y0, y1), found.height),
       clip(Math.max(x0, x1), found.width), clip(Math.max(y0, y1), found.height)];
-  }
-
-  /** Take the mean color around a place. @param {number[]} place */
-  pick(place) {
-    pickAt(Math.floor(place[0]), Math.floor(place[1]));
   }
 
   /** Values under the cursor, one request at a time. @param {number[]} place */
@@ -284,10 +294,13 @@ export class Viewer extends Component {
   }
 }
 
+/** The highest alpha, which is shown white. */
+const peak = () => Math.min(Math.max(facts(layer())?.layer?.peak ?? 1, 0.01), 1);
+
 /** What colors mean in views that show no light. */
 function Legend() {
   if (store.mode === "error") return h("p", { class: "legend" }, "0 ", h("span", { class: "heat" }), " 0.1, standard deviation of alpha");
-  if (store.mode === "alpha") return h("p", { class: "legend" }, `white is alpha ${Math.min(solution()?.alpha_peak ?? 1, 1).toFixed(2)}`);
+  if (store.mode === "alpha") return h("p", { class: "legend" }, `white is alpha ${peak().toFixed(2)}`);
   if (store.mode !== "flags") return null;
   return h("p", { class: "legend" }, FLAGS.map(([name, color]) => [h("span", { class: "swatch", style: { background: color } }), ` ${name} `]));
 }
@@ -323,13 +336,34 @@ function currentChange() {
 /** The paints of the object: its mean color, or those of a model of two.
  * @returns {{hex: string, light: number[]}[]} */
 export function paintsOf() {
-  const found = solution();
+  const model = solution()?.model;
   const own = facts(layer())?.layer;
-  if (!found || !own) return [];
-  if (found.model.rank === 2) {
-    return found.model.hex.map((/** @type {string} */ hex) => ({ hex, light: lightOf(hex) }));
+  if (!own) return [];
+  if (model?.rank === 2) return model.hex.map((/** @type {string} */ hex) => ({ hex, light: lightOf(hex) }));
+  return [{ hex: model?.color ?? model?.hex?.[0] ?? clipRow()?.color ?? "#808080", light: own.color }];
+}
+
+/** The pixel at a place. @param {number[]} place @returns {[number, number]} */
+const whole = ([x, y]) => [Math.floor(x), Math.floor(y)];
+
+/** Make the region, or the occluder, of what was painted: white where it was. @param {"Region" | "Occluder"} slot */
+export function useMask(slot) {
+  const found = facts(store.picture);
+  if (!found || !store.strokes.length) return;
+  const canvas = document.createElement("canvas");
+  [canvas.width, canvas.height] = [found.width, found.height];
+  const pen = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
+  pen.fillRect(0, 0, found.width, found.height);
+  Object.assign(pen, { strokeStyle: "#fff", lineWidth: store.brush, lineCap: "round", lineJoin: "round" });
+  for (const stroke of store.strokes) {
+    pen.beginPath();
+    pen.moveTo(stroke[0][0], stroke[0][1]);
+    for (const [x, y] of stroke.length > 1 ? stroke : [...stroke, ...stroke]) pen.lineTo(x, y);
+    pen.stroke();
   }
-  return [{ hex: found.model.color ?? found.model.hex?.[0] ?? "#808080", light: own.color }];
+  canvas.toBlob((blob) => {
+    if (blob) drop([new File([blob], `${slot.toLowerCase()}.png`)], slot).then(() => change({ strokes: [] }));
+  });
 }
 
 /** Take the mean color around a pixel of the picture that is shown. @param {number} x @param {number} y */
