@@ -13,7 +13,7 @@ export function Slider({ name, value, from, to, step, words, onInput }) {
     h("input", {
       type: "range", min: from, max: to, step, value, "aria-label": name, "aria-valuetext": words,
       onInput: (/** @type {any} */ e) => onInput(Number(e.target.value)),
-    }), h("output", null, words));
+    }), h("span", { class: "words" }, words));
 }
 
 /** A number that may be typed. @param {{name: string, value: number | string, onChange: (value: number) => void}} props */

@@ -63,11 +63,8 @@ function ViewBar() {
 function ToolBar() {
   const box = Array.isArray(store.region) ? store.region : null;
   const line = store.line;
-  const set = (/** @type {number[] | null} */ all, /** @type {number} */ k, /** @type {number} */ value, /** @type {number[]} */ else_) => {
-    const next = [...(all ?? else_)];
-    next[k] = value;
-    return next;
-  };
+  const set = (/** @type {number[]} */ all, /** @type {number} */ k, /** @type {number} */ value) =>
+    all.map((one, j) => (j === k ? value : one));
   const found = facts(store.picture);
   const whole = [0, 0, found?.width ?? 1, found?.height ?? 1];
   return h("div", { class: "bar", role: "toolbar", "aria-label": "Tools" },
@@ -75,10 +72,10 @@ function ToolBar() {
       "aria-pressed": String(store.tool === name), onClick: () => change({ tool: name }),
     }, name))),
     store.tool === "Box" && ["left", "top", "right", "bottom"].map((name, k) => h(NumberField, {
-      name: `Box ${name}`, value: box ? box[k] : "", onChange: (/** @type {number} */ v) => change({ region: set(box, k, v, whole) }) })),
+      name: `Box ${name}`, value: box ? box[k] : "", onChange: (/** @type {number} */ v) => change({ region: set(Array.isArray(store.region) ? store.region : whole, k, v) }) })),
     store.tool === "Box" && box && h("button", { onClick: () => change({ region: null }) }, "No box"),
     store.tool === "Ruler" && ["x0", "y0", "x1", "y1"].map((name, k) => h(NumberField, {
-      name: `Ruler ${name}`, value: line ? Math.round(10 * line[k]) / 10 : "", onChange: (/** @type {number} */ v) => change({ line: set(line, k, v, [0, 0, 100, 0]) }) })),
+      name: `Ruler ${name}`, value: line ? Math.round(10 * line[k]) / 10 : "", onChange: (/** @type {number} */ v) => change({ line: set(store.line ?? [0, 0, 100, 0], k, v) }) })),
     store.tool === "Pick color" && h(PickFields, null),
     store.tool === "Mask" && [
       h(NumberField, { name: "Brush", value: store.brush, onChange: (/** @type {number} */ brush) => change({ brush: Math.max(1, brush) }) }),
@@ -86,7 +83,7 @@ function ToolBar() {
         h("button", { onClick: () => useMask("Region") }, "It moved here"),
         h("button", { onClick: () => useMask("Occluder") }, "This is in front"),
         h("button", { onClick: () => change({ strokes: [] }) }, "No mask")]],
-    h("output", { class: "values", "aria-label": "Values under the cursor" }, valuesInWords()),
+    h("span", { class: "values" }, valuesInWords()),
   );
 }
 

@@ -61,6 +61,9 @@ export const store = {
   under: /** @type {any} */ (null), // values under the cursor
 };
 
+const kept = sessionStorage.getItem(KEPT);
+if (kept) Object.assign(store, JSON.parse(kept));
+
 let draw = () => {};
 let asked = false;
 
@@ -73,8 +76,8 @@ export function onChange(how) {
  * @param {Partial<typeof store>} [part] */
 export function change(part = {}) {
   Object.assign(store, part);
-  const kept = Object.fromEntries(Object.keys(CHOSEN).map((name) => [name, /** @type {any} */ (store)[name]]));
-  sessionStorage.setItem(KEPT, JSON.stringify(kept));
+  const chosen = Object.fromEntries(Object.keys(CHOSEN).map((name) => [name, /** @type {any} */ (store)[name]]));
+  sessionStorage.setItem(KEPT, JSON.stringify(chosen));
   if (asked) return;
   asked = true;
   requestAnimationFrame(() => {
@@ -98,8 +101,6 @@ export async function trying(what) {
 
 /** Follow the session until the server ends. */
 export async function follow() {
-  const kept = sessionStorage.getItem(KEPT);
-  if (kept) Object.assign(store, JSON.parse(kept));
   for (let tries = 0; tries < 3;) {
     try {
       await states((state) => {
