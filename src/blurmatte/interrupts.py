@@ -9,7 +9,8 @@ import socket
 import sys
 import threading
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, NoReturn
 
@@ -62,6 +63,22 @@ def _report_unraisable(unraisable: Any) -> None:
     if _interrupted:
         os._exit(EXIT_CODE)
     sys.__unraisablehook__(unraisable)
+
+
+@contextmanager
+def without_interrupts() -> Iterator[None]:
+    """Start processes that an interrupt of the terminal does not reach until they catch it."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it would unblock the signal
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_now() -> NoReturn:

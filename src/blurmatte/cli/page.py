@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
+import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -9,36 +13,37 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import command, run_line
-from blurmatte.cli.console import argument, flag, option, say
+from blurmatte.cli.console import ExitCode, argument, flag, option, output, say
 from blurmatte.cli.output_checks import check_folder
 
 
-@command("ui", "ui throw.png empty_room.png --out results/")
+@command("ui --out results/", "ui throw.png empty_room.png --port 8000 --no-browser")
 def ui(
     files: Annotated[
-        list[Path] | None, argument("FILE", "Pictures and clips to begin with.")
+        list[Path] | None, argument("FILES", "Pictures and clips to begin with.")
     ] = None,
     out: Annotated[
-        Path | None,
-        option("FOLDER", "Keep the results there; else they end with it.", None, "--out", "-o"),
+        Path | None, output("Keep the results here; else they are deleted.", "FOLDER")
     ] = None,
-    port: Annotated[int, option("N", "Of this machine; else a free one.")] = 0,
+    port: Annotated[int, option("N", "Port of this machine; else a free one.")] = 0,
     no_browser: Annotated[bool, flag("--no-browser", "Print the address, open nothing.")] = False,
 ) -> None:
-    """Open a page in the browser: the whole job in a window, on this machine alone.
+    """Open a page in the browser: all commands in a window, on this machine alone.
 
-    Prints its address. Ctrl-C, or Quit on the page, ends it.
+    Its address is printed first. Quit on the page, or Ctrl-C, ends it.
     """
     for file in files or []:
+        if file.is_dir():
+            raise bm.FileError(f"{file}: is a folder; name the files in it")
         if not file.is_file():
-            raise bm.FileError(f"{file}: no such file; check the name")
+            raise bm.FileError(f"{file}: there is no such file; check the name")
     if out is not None:
         check_folder(out)
     if not 0 <= port < 65536:
         raise ValueError(f"--port must be 0 to 65535, got {port}")
     try:
         from blurmatte.ui.server import serve
-    except ImportError as error:
+    except ModuleNotFoundError as error:
         raise ValueError(f"the page needs {error.name}: pip install 'blurmatte[ui]'") from error
     from blurmatte.ui import Session
 
@@ -46,6 +51,18 @@ def ui(
         """Print the address, and open it."""
         say(address)
         if not no_browser:
-            typer.launch(address)
+            _open(address)
 
-    serve(Session(run_line, bm.__version__, files or [], out), port, opened)
+    if serve(Session(run_line, bm.__version__, files or [], out), port, opened):
+        raise typer.Exit(ExitCode.INTERRUPTED)
+
+
+def _open(address: str) -> None:
+    """Open an address in a browser, which a Ctrl-C in this terminal does not end."""
+    nothing = subprocess.DEVNULL
+    command = [sys.executable, "-m", "webbrowser", address]
+    with suppress(OSError):
+        opening = subprocess.Popen(
+            command, stdin=nothing, stdout=nothing, stderr=nothing, start_new_session=True
+        )
+        threading.Thread(target=opening.wait, daemon=True).start()

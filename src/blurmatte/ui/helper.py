@@ -9,11 +9,14 @@ import signal
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, wait
 from typing import Any
+
+from blurmatte.interrupts import without_interrupts
 
 _SPAWN = multiprocessing.get_context("spawn")
 _SECONDS_TO_UNWIND = 1.5  # after an interrupt, before a process is killed
+_SECONDS_TO_READ = 1.0  # what a process sent before it ended
 
 
 class Helper:
@@ -32,11 +35,13 @@ class Helper:
     ) -> None:
         self._pipe, far = _SPAWN.Pipe()
         self._process = _SPAWN.Process(target=_alone, args=(work, far, *args), daemon=False)
-        self._process.start()
+        with without_interrupts():  # it imports before it can ignore them
+            self._process.start()
         far.close()  # else its end would not be noticed
+        self._sending, self._is_ended = threading.Lock(), False
         loop = asyncio.get_running_loop()
-        reader = threading.Thread(target=_read, args=(self._pipe, loop, receive), daemon=True)
-        reader.start()
+        self._reader = threading.Thread(target=self._read, args=(loop, receive), daemon=True)
+        self._reader.start()
 
     @property
     def pid(self) -> int:
@@ -46,24 +51,44 @@ class Helper:
 
     def send(self, message: Any) -> None:
         """Send a message; ignored if the process has ended, which `receive` hears."""
-        with suppress(OSError, ValueError):
+        with self._sending, suppress(OSError, ValueError):
             self._pipe.send(message)
 
     async def end(self, interrupt: Any = None) -> None:
         """End the process with all that it started; first let it unwind if `interrupt` makes it."""
         if interrupt is not None:
             self.send(interrupt)
-            await asyncio.to_thread(self._process.join, _SECONDS_TO_UNWIND)
+            # Not by `join`, which gives its number free while others of its group may live.
+            await asyncio.to_thread(wait, [self._process.sentinel], _SECONDS_TO_UNWIND)
         await asyncio.to_thread(self.kill)
 
     def kill(self) -> None:
         """End the process with all that it started, now."""
+        if self._is_ended:
+            return
+        self._is_ended = True
         if hasattr(os, "killpg"):
-            with suppress(OSError):  # its group outlives it while it has members
+            with suppress(OSError):  # it may have no group yet
                 os.killpg(self.pid, signal.SIGKILL)
         self._process.kill()
         self._process.join()
-        self._pipe.close()
+        self._reader.join(_SECONDS_TO_READ)
+
+    def _read(self, loop: asyncio.AbstractEventLoop, receive: Callable[[Any], None]) -> None:
+        """Hand over messages until the process ends.
+
+        Only this thread closes the pipe: its number would else go to another pipe while it is read.
+        """
+        message: Any = ...
+        while message is not None:
+            try:
+                message = self._pipe.recv()
+            except (EOFError, OSError):
+                message = None
+            with suppress(RuntimeError):  # the loop is closed
+                loop.call_soon_threadsafe(receive, message)
+        with self._sending:
+            self._pipe.close()
 
 
 def _alone(work: Callable[..., None], pipe: Connection, *args: Any) -> None:
@@ -71,6 +96,8 @@ def _alone(work: Callable[..., None], pipe: Connection, *args: Any) -> None:
     if hasattr(os, "setsid"):
         os.setsid()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     work(pipe, *args)
 
 
@@ -79,17 +106,3 @@ def end_group() -> None:
     if hasattr(os, "killpg"):
         os.killpg(os.getpid(), signal.SIGKILL)
     os._exit(1)
-
-
-def _read(
-    pipe: Connection, loop: asyncio.AbstractEventLoop, receive: Callable[[Any], None]
-) -> None:
-    """Hand over messages until the process ends."""
-    message: Any = ...
-    while message is not None:
-        try:
-            message = pipe.recv()
-        except (EOFError, OSError):
-            message = None
-        with suppress(RuntimeError):  # the loop is closed
-            loop.call_soon_threadsafe(receive, message)

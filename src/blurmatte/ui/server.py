@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import secrets
 import signal
 import socket
 import zipfile
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from functools import partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from starlette.responses import FileResponse, JSONResponse, Response, StreamingR
 from starlette.routing import Route
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from blurmatte.interrupts import EXIT_CODE
 from blurmatte.ui.session import Job, RefusedError, Session
 
 _HOST = "127.0.0.1"
@@ -57,64 +58,93 @@ _HEADERS = {
 }
 _KEY_BYTES = 32
 _MAX_JSON_BYTES = 1 << 20
-_SECONDS_OF_SILENCE = 60.0  # between pieces of a file, after which it is given up
+_SECONDS_OF_SILENCE = 60.0  # between pieces of a body, after which it is given up
+_SECONDS_TO_DRAIN = 2.0  # of what comes of a refused file
 _PIECE_BYTES = 1 << 20
 _SECONDS_TO_CLOSE = 1  # for requests that run when the server ends
 
 
-def serve(session: Session, port: int, opened: Callable[[str], None]) -> None:
-    """Serve a session until the process is interrupted, or the page quits.
+def serve(session: Session, port: int, opened: Callable[[str], None]) -> bool:
+    """Serve a session until the page quits, or the process is interrupted or terminated.
 
     Parameters
     ----------
     session : Session
-        Closed at the end.
+        Entered, and left at the end.
     port : int
         Of this machine; 0 takes a free one.
     opened : callable
         Gets the URL when the page can be opened.
 
+    Returns
+    -------
+    bool
+        Whether a signal ended it.
+
     Raises
     ------
     OSError
-        If the port is taken.
+        If the port is taken, or the folders cannot be made.
     """
-    with socket.create_server((_HOST, port)) as listening:
-        port = listening.getsockname()[1]
+    try:
+        listening = socket.create_server((_HOST, port))
+    except OSError as error:
+        why = os.strerror(error.errno) if error.errno else str(error)
+        raise OSError(f"port {port} cannot be used: {why}; choose another --port") from error
+    with listening:
+        host = f"{_HOST}:{listening.getsockname()[1]}"
         key = secrets.token_urlsafe(_KEY_BYTES)
-        opened(f"http://{_HOST}:{port}/#{key}")
-        asyncio.run(_serve(session, listening, f"{_HOST}:{port}", key))
+        opened(f"http://{host}/#{key}")
+        return asyncio.run(_serve(session, listening, host, key))
 
 
-async def _serve(session: Session, listening: socket.socket, host: str, key: str) -> None:
-    requests = Requests(session)
-    config = uvicorn.Config(
-        _Guard(requests.app, host, key),
-        log_level="critical",
-        access_log=False,
-        lifespan="off",
-        server_header=False,
-        timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
-    )
-    server = uvicorn.Server(config)
-    requests.quit = partial(setattr, server, "should_exit", True)
-    session.open()
-    try:
-        with contextlib.suppress(asyncio.CancelledError, KeyboardInterrupt):
-            await server.serve([listening])
-    finally:
-        with _without_interrupts():
-            await session.close()
+async def _serve(session: Session, listening: socket.socket, host: str, key: str) -> bool:
+    async with session:
+        requests = Requests(session)
+        server = _Server(
+            uvicorn.Config(
+                _Guard(requests.app, host, key),
+                http="h11",
+                ws="none",
+                lifespan="off",
+                log_config=None,
+                log_level="critical",
+                access_log=False,
+                server_header=False,
+                timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
+            )
+        )
+
+        def stop() -> None:
+            session.end_states()
+            server.should_exit = True
+
+        requests.quit = server.stop = stop
+        await server.serve([listening])
+    return server.is_interrupted
 
 
-@contextlib.contextmanager
-def _without_interrupts() -> Iterator[None]:
-    """Finish what is done within, whatever the terminal sends."""
-    usual = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
+class _Server(uvicorn.Server):
+    """A server that the first signal stops, and the second one ends."""
+
+    stop: Callable[[], None]
+    is_interrupted = False
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Stop at a signal, and stay deaf to it: uvicorn's own would raise it again at the end."""
+        loop = asyncio.get_running_loop()
+
+        def take(*_: Any) -> None:
+            if self.is_interrupted:
+                os._exit(EXIT_CODE)  # the viewer deletes what is private
+            self.is_interrupted = True
+            loop.call_soon_threadsafe(self.stop)
+
+        for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK"):
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), take)
         yield
-    finally:
-        signal.signal(signal.SIGINT, usual)
 
 
 class _Guard:
@@ -155,15 +185,23 @@ class _Guard:
             return "another site may not use this page"
         if given.get(b"sec-fetch-site", [b"none"])[0] in (b"cross-site", b"same-site"):
             return "another site may not use this page"
-        if scope["path"].startswith("/api/"):
+        if scope["path"] != "/" and not scope["path"].startswith("/page/"):
             (key, *more) = given.get(b"authorization", [b""])
             if more or not secrets.compare_digest(key, self._key):
                 return "open the page by the whole address that blurmatte printed"
         return None
 
 
-def _refusal(why: str, status: int = 400) -> JSONResponse:
-    return JSONResponse({"error": why}, status)
+class _Json(JSONResponse):
+    """Letters that are none, as in names of files, are escaped."""
+
+    def render(self, content: Any) -> bytes:
+        """The bytes of a value."""
+        return json.dumps(content, allow_nan=False).encode()
+
+
+def _refusal(why: str, status: int = 400) -> Response:
+    return _Json({"error": why}, status)
 
 
 async def _on_refusal(_: Request, error: Exception) -> Response:
@@ -172,7 +210,12 @@ async def _on_refusal(_: Request, error: Exception) -> Response:
 
 async def _on_http(_: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
-    return _refusal(str(error.detail), error.status_code)
+    return _Json({"error": str(error.detail)}, error.status_code, error.headers)
+
+
+async def _on_defect(_: Request, error: Exception) -> Response:
+    why = f"a defect of blurmatte, {type(error).__name__}: {error}; please report it"
+    return _refusal(why, 500)
 
 
 Handler = Callable[[Request], Awaitable[Response]]
@@ -202,7 +245,11 @@ class Requests:
         ]
         self.app = Starlette(
             routes=[Route(path, handler, methods=[method]) for method, path, handler in routes],
-            exception_handlers={RefusedError: _on_refusal, HTTPException: _on_http},
+            exception_handlers={
+                RefusedError: _on_refusal,
+                HTTPException: _on_http,
+                Exception: _on_defect,
+            },
         )
 
     async def _index(self, _: Request) -> Response:
@@ -216,7 +263,7 @@ class Requests:
         return Response(data, media_type=_TYPES.get(Path(name).suffix, _DATA))
 
     async def _state(self, _: Request) -> Response:
-        return JSONResponse(self._session.state)
+        return _Json(self._session.state)
 
     async def _states(self, _: Request) -> Response:
         """The state and its changes, a line of JSON each."""
@@ -230,54 +277,51 @@ class Requests:
     async def _receive(self, request: Request) -> Response:
         """Take a file, which is the body as it is."""
         length = request.headers.get("content-length")
-
-        async def pieces() -> AsyncIterator[bytes]:
-            stream = request.stream().__aiter__()
-            while True:
-                try:
-                    yield await asyncio.wait_for(anext(stream), _SECONDS_OF_SILENCE)
-                except StopAsyncIteration:
-                    return
-                except TimeoutError:
-                    raise RefusedError("the file stopped coming; drop it again") from None
-                except ClientDisconnect:
-                    raise RefusedError("the file was cut off; drop it again") from None
-
-        held = await self._session.receive(
-            request.query_params.get("name", ""), pieces(), None if length is None else int(length)
-        )
-        return JSONResponse(held.state)
+        name, pieces = request.query_params.get("name", ""), _pieces(request)
+        try:
+            held = await self._session.receive(
+                name, pieces, None if length is None else int(length)
+            )
+        except RefusedError:
+            with contextlib.suppress(RefusedError, TimeoutError):
+                async with asyncio.timeout(_SECONDS_TO_DRAIN):
+                    async for _ in pieces:  # else the answer would not be read
+                        pass
+            raise
+        return _Json(held.state)
 
     async def _jobs(self, _: Request) -> Response:
-        return JSONResponse([job.status for job in self._session.jobs.values()])
+        return _Json([job.status for job in self._session.jobs.values()])
 
     async def _add(self, request: Request) -> Response:
         asked = await _json(request)
         words, title = asked.get("words"), asked.get("title", "")
         if not isinstance(words, list) or not isinstance(title, str):
             raise RefusedError("a job has words, a list, and a title, a text")
-        return JSONResponse(self._session.add(words, title).status)
+        return _Json(self._session.add(words, title).status)
 
     async def _job(self, request: Request) -> Response:
         job = self._named(request)
         answer = await asyncio.to_thread(lambda: job.answer)
-        return JSONResponse({**job.status, "answer": answer})
+        return _Json({**job.status, "answer": answer})
 
     async def _cancel(self, request: Request) -> Response:
         job = self._named(request)
         await self._session.cancel(job)
-        return JSONResponse(job.status)
+        return _Json(job.status)
 
     async def _resume(self, request: Request) -> Response:
         job = self._named(request)
         self._session.resume(job)
-        return JSONResponse(job.status)
+        return _Json(job.status)
 
     async def _result(self, request: Request) -> Response:
         job, name = self._named(request), request.path_params["name"]
         path = self._session.source(None, job.number, name)
         kind = _TYPES.get(path.suffix.lower(), _DATA)
-        return FileResponse(path, media_type=kind, filename=path.name)
+        with contextlib.suppress(OSError):
+            return FileResponse(path, media_type=kind, filename=path.name, stat_result=path.stat())
+        raise HTTPException(404, f"{path.name} was deleted")
 
     async def _zip(self, request: Request) -> Response:
         """All results of a job, as an archive that is written while it is sent."""
@@ -307,13 +351,13 @@ class Requests:
                 return Response(status_code=499)
         answer = asking.result()
         if answer.data:
-            kind = _TYPES[".png"] if question == "preview" else _DATA
+            kind = _TYPES[".png"] if question in ("drawn", "preview") else _DATA
             return Response(answer.data, media_type=kind)
-        return JSONResponse(answer.numbers)
+        return _Json(answer.numbers)
 
     async def _quit(self, _: Request) -> Response:
         self.quit()
-        return JSONResponse({})
+        return _Json({})
 
     def _named(self, request: Request) -> Job:
         number = request.path_params["job"]
@@ -326,6 +370,7 @@ class Requests:
 _QUESTIONS: dict[str, dict[str, type]] = {
     "describe": {},
     "tile": {"part": str, "frame": int, "level": int, "x": int, "y": int},
+    "drawn": {"part": str, "frame": int, "level": int, "x": int, "y": int, "stops": float},
     "preview": {"part": str, "frame": int, "side": int, "stops": float},
     "pixels": {"frame": int, "x": int, "y": int, "radius": int},
 }
@@ -343,7 +388,7 @@ def _number(text: str | None, kind: type) -> Any:
         return text
     try:
         value = kind(text)
-    except ValueError:
+    except (ValueError, OverflowError):
         raise RefusedError(f"{text!r} is no number") from None
     if kind is int and value < 0:
         raise RefusedError(f"{text} is below 0")
@@ -356,16 +401,30 @@ def _page_files() -> set[str]:
     return {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()}
 
 
+async def _pieces(request: Request) -> AsyncIterator[bytes]:
+    """The body of a request as it comes; RefusedError if it stops."""
+    stream = request.stream().__aiter__()
+    while True:
+        try:
+            yield await asyncio.wait_for(anext(stream), _SECONDS_OF_SILENCE)
+        except StopAsyncIteration:
+            return
+        except TimeoutError:
+            raise RefusedError("the file stopped coming; drop it again") from None
+        except ClientDisconnect:
+            raise RefusedError("the file was cut off; drop it again") from None
+
+
 async def _json(request: Request) -> dict[str, Any]:
     """The object in the body of a request."""
     body = bytearray()
-    async for piece in request.stream():
+    async for piece in _pieces(request):
         body += piece
         if len(body) > _MAX_JSON_BYTES:
-            raise RefusedError("the request is too long")
+            raise HTTPException(413, "the request is too long")
     try:
         value = json.loads(bytes(body))
-    except ValueError:
+    except (ValueError, RecursionError):
         raise RefusedError("the request is no JSON") from None
     if not isinstance(value, dict):
         raise RefusedError("the request is no object")
@@ -397,7 +456,9 @@ def _zipped(job: Job) -> Iterator[bytes]:
     tail = _Tail()
     with zipfile.ZipFile(tail, "w") as archive:  # type: ignore[call-overload]
         for name in job.files:
-            with (job.folder / name).open("rb") as source, archive.open(name, "w") as target:
+            path = job.folder / name
+            entry = zipfile.ZipInfo.from_file(path, name, strict_timestamps=False)
+            with path.open("rb") as source, archive.open(entry, "w", force_zip64=True) as target:
                 while piece := source.read(_PIECE_BYTES):
                     target.write(piece)
                     yield tail.taken()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 import warnings
 from collections import OrderedDict, deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
@@ -16,13 +17,18 @@ from blurmatte.ui.helper import end_group
 
 if TYPE_CHECKING:
     import blurmatte as bm
-    from blurmatte.checks import Floats
+    from blurmatte.checks import Bools, Floats
 
 T = TypeVar("T")
 
 TILE = 512  # pixels, a side of a tile
 _CACHE_BYTES = 1 << 30  # of pictures in memory
-_FRAMES_READ_AHEAD = 8  # of a clip, behind one that was asked for
+_FRAMES_PASSED = 8  # of a clip that is played, before seeking is quicker
+_STRIP = 64  # rows that are halved at a time: fits the cache of a processor
+_MAX_LEVEL = 16
+_MAX_RADIUS = 512  # pixels, of an eyedropper
+_MAX_STOPS = 64.0
+_MAX_HALF = 65504.0  # the largest half float
 _SECONDS_OF_KILLED = 0.3  # in which the other processes of a server that was killed end
 
 
@@ -47,7 +53,6 @@ class Answer:
 
 def look(pipe: Connection, private: Path) -> None:
     """Answer questions until the server ends, and then delete its private folder."""
-    warnings.simplefilter("ignore")  # the commands say them
     viewer = _Viewer()
     waiting: deque[Question] = deque()
     while True:
@@ -65,29 +70,45 @@ def look(pipe: Connection, private: Path) -> None:
         pipe.send(viewer.answer(waiting.popleft()))
 
 
+@dataclass
+class _Played:
+    """A clip whose frames are decoded one after the other."""
+
+    of: tuple[Any, ...]  # the file
+    next: int  # number of the frame that comes
+    frames: Iterator[Any]
+
+
 class _Viewer:
     """Pictures in memory, and what is asked of them."""
 
     def __init__(self) -> None:
         self._cache: OrderedDict[Any, tuple[Any, int]] = OrderedDict()
+        self._played: _Played | None = None
         self._questions: dict[str, Callable[..., bytes | dict[str, Any]]] = {
             "describe": self.describe,
             "tile": self.tile,
+            "drawn": self.drawn,
             "preview": self.preview,
             "pixels": self.pixels,
         }
 
     def answer(self, question: Question) -> Answer:
-        """The answer to a question; an error of the library is a refusal."""
+        """The answer to a question; an error is a refusal."""
         import blurmatte as bm
 
         try:
-            found = self._questions[question.name](**question.values)
-        except (bm.BlurmatteError, ValueError, OSError, MemoryError, IndexError) as error:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the commands say them
+                found = self._questions[question.name](**question.values)
+        except (bm.BlurmatteError, ValueError, OSError, MemoryError) as error:
             return Answer(question.number, refusal=" ".join(str(error).split()) or repr(error))
+        except Exception as error:
+            defect = f"a defect of blurmatte, {type(error).__name__}: {error}; please report it"
+            return Answer(question.number, refusal=defect)
         if isinstance(found, bytes):
             return Answer(question.number, found)
-        return Answer(question.number, numbers=found)
+        return Answer(question.number, numbers=_plain(found))
 
     def _kept(self, key: Any, make: Callable[[], T], size: Callable[[T], int]) -> T:
         """A thing that is made once, and dropped when memory is needed for others."""
@@ -134,33 +155,37 @@ class _Viewer:
         """Half floats, RGBA, of a tile of the picture at a power of two."""
         import numpy as np
 
-        levels = self._levels(path, part, frame, level)
-        tile = levels[y * TILE : (y + 1) * TILE, x * TILE : (x + 1) * TILE]
-        if tile.size == 0:
-            raise ValueError(f"there is no tile {x}, {y} at level {level}")
-        most = float(np.finfo(np.float16).max)
-        return np.clip(tile, -most, most).astype("<f2").tobytes()
+        tile = self._tile(path, part, frame, level, x, y)
+        return np.clip(tile, -_MAX_HALF, _MAX_HALF).astype("<f2").tobytes()
+
+    def drawn(
+        self, path: Path, part: str, frame: int, level: int, x: int, y: int, stops: float
+    ) -> bytes:
+        """The same as a PNG of 8 bits, for pages without shaders."""
+        return _png(self._tile(path, part, frame, level, x, y), part, stops)
 
     def preview(self, path: Path, part: str, frame: int, side: int, stops: float) -> bytes:
-        """A PNG of 8 bits, at most so many pixels wide and high, for pages without shaders."""
-        import io
+        """A PNG of 8 bits, at most so many pixels wide and high."""
+        if side < 1:
+            raise ValueError(f"side must be at least 1, got {side}")
+        level, (height, width) = 0, self._whole(path, part, frame)[1].shape
+        while max(height, width) > side:
+            level, height, width = level + 1, (height + 1) // 2, (width + 1) // 2
+        return _png(self._pixels_of(path, part, frame, level), part, stops)
 
-        import numpy as np
-        from PIL import Image
-
-        import blurmatte as bm
-
-        level, size = 0, max(self._levels(path, part, frame, 0).shape[:2])
-        while size > side:
-            level, size = level + 1, (size + 1) // 2
-        pixels = self._levels(path, part, frame, level)
-        light = np.clip(pixels[..., :3] * np.float32(2.0**stops), 0, 1)
-        codes = np.round(255 * bm.SRGB.encode(light)).astype(np.uint8)
-        alpha = np.round(255 * np.clip(pixels[..., 3:], 0, 1)).astype(np.uint8)
-        shown = codes if part in ("picture", "error") else np.dstack([codes, alpha])
-        file = io.BytesIO()
-        Image.fromarray(shown).save(file, "png")
-        return file.getvalue()
+    def _tile(self, path: Path, part: str, frame: int, level: int, x: int, y: int) -> Floats:
+        """(h, w, 4) float32 pixels of a tile."""
+        if not 0 <= level <= _MAX_LEVEL:
+            raise ValueError(f"level must be 0 to {_MAX_LEVEL}, got {level}")
+        place = slice(y * TILE, (y + 1) * TILE), slice(x * TILE, (x + 1) * TILE)
+        if level == 0:
+            light, alpha = self._whole(path, part, frame)
+            tile = _joined(light[place], alpha[place])
+        else:
+            tile = self._level(path, part, frame, level)[place]
+        if tile.size == 0:
+            raise ValueError(f"there is no tile {x}, {y} at level {level}")
+        return tile
 
     def pixels(self, path: Path, frame: int, x: int, y: int, radius: int) -> dict[str, Any]:
         """Mean light around a pixel, and alpha with its error if the file holds them."""
@@ -172,9 +197,13 @@ class _Viewer:
         width, height = picture.size
         if not (0 <= x < width and 0 <= y < height):
             raise ValueError(f"pixel {x}, {y} is outside the picture of {width}x{height}")
+        if not 0 <= radius <= _MAX_RADIUS:
+            raise ValueError(f"radius must be 0 to {_MAX_RADIUS}, got {radius}")
         rows = slice(max(y - radius, 0), y + radius + 1)
         columns = slice(max(x - radius, 0), x + radius + 1)
-        light = picture.rgb[rows, columns].reshape(-1, 3).astype(float)
+        light = picture.rgb[rows, columns][picture.valid[rows, columns]].astype(float)
+        if len(light) == 0:
+            raise ValueError(f"pixel {x}, {y} has no valid light, as where it is clipped")
         mean = light.mean(axis=0)
         numbers: dict[str, Any] = {
             "x": x,
@@ -200,51 +229,76 @@ class _Viewer:
             }
         return numbers
 
-    def _levels(self, path: Path, part: str, frame: int, level: int) -> Floats:
-        """(H, W, 4) float32 light of a part at a level; each level is the mean of 2×2 pixels."""
-        if not 0 <= level <= 16:
-            raise ValueError(f"level must be 0 to 16, got {level}")
-        key = (*_identity(path), part, frame, level)
+    def _pixels_of(self, path: Path, part: str, frame: int, level: int) -> Floats:
+        """(h, w, 4) float32 pixels of a part at a level."""
+        if level == 0:
+            return _joined(*self._whole(path, part, frame))
+        return self._level(path, part, frame, level)
+
+    def _level(self, path: Path, part: str, frame: int, level: int) -> Floats:
+        """(h, w, 4) float32 pixels at a level from 1; each is the mean of 2×2 of the level before."""
+        import numpy as np
 
         def make() -> Floats:
-            if level == 0:
-                return self._pixels_of(path, part, frame)
-            return _halved(self._levels(path, part, frame, level - 1))
+            if level > 1:
+                return _halved(self._level(path, part, frame, level - 1), part)
+            light, alpha = self._whole(path, part, frame)
+            rows = range(0, len(alpha), _STRIP)
+            strips = ((light[top : top + _STRIP], alpha[top : top + _STRIP]) for top in rows)
+            return np.concatenate([_halved(_joined(*strip), part) for strip in strips])
 
+        key = (*_identity(path), part, frame, level)
         return self._kept(key, make, lambda made: int(made.nbytes))
 
-    def _pixels_of(self, path: Path, part: str, frame: int) -> Floats:
-        """(H, W, 4) float32: light and validity, premultiplied light and alpha, or error and flags."""
+    def _whole(self, path: Path, part: str, frame: int) -> tuple[Floats, Floats | Bools]:
+        """(H, W, 3) light and (H, W) what goes with it: validity, alpha, or 1 with error and flags."""
         import numpy as np
 
         if part == "picture":
             picture = self._picture(path, frame)
-            return np.dstack([picture.rgb, picture.valid]).astype(np.float32)
+            return picture.rgb, picture.valid
         if part == "layer":
             layer = self._layer(path)
-            return np.dstack([layer.premultiplied, layer.alpha]).astype(np.float32)
+            return layer.premultiplied, layer.alpha
         if part == "error":
             solution = self._solution(path)
             if solution is None:
                 raise ValueError(f"{path.name} holds no errors; choose the layer.exr of solve")
-            std = np.where(solution.streak, np.nan_to_num(solution.alpha_std), 0)
-            one = np.ones_like(std)
-            return np.dstack([std, solution.quality, one, one]).astype(np.float32)
+            std = np.nan_to_num(solution.alpha_std, posinf=_MAX_HALF).astype(np.float32)
+            std = np.where(solution.streak, std, np.float32(0))
+            flags = solution.quality.astype(np.float32)
+            return np.dstack([std, flags, np.zeros_like(std)]), np.ones(std.shape, bool)
         raise ValueError(f"part must be picture, layer or error, got {part!r}")
 
     def _picture(self, path: Path, frame: int) -> bm.LinearImage:
         """A picture, or a frame of a clip by its number."""
+        import blurmatte as bm
+
         frames = self._frames(path)
         if frames is None:
-            return self._kept((*_identity(path), "read"), lambda: _read(path), _bytes_of)
+            key: tuple[Any, ...] = (*_identity(path), "read")
+            return self._kept(key, lambda: bm.read(path).in_srgb(), _bytes_of)
         if not 0 <= frame < len(frames):
             raise ValueError(f"there is no frame {frame}; the clip has {len(frames)}")
-        key = (*_identity(path), "read", frame)
-        if key not in self._cache:
-            ahead = range(frame, min(frame + _FRAMES_READ_AHEAD, len(frames)))
-            for number, one in zip(ahead, frames.load(ahead), strict=False):
-                self._kept((*key[:-1], number), one.in_srgb, _bytes_of)
-        return self._kept(key, lambda: _frame(frames, frame), _bytes_of)
+        clip = _identity(path)
+        return self._kept(
+            (*clip, "read", frame), lambda: self._decoded(frames, clip, frame), _bytes_of
+        )
+
+    def _decoded(
+        self, frames: bm.Frames[Any], clip: tuple[Any, ...], number: int
+    ) -> bm.LinearImage:
+        """A frame of a clip; those after it come without seeking."""
+        played, self._played = self._played, None
+        if played is None or played.of != clip or not 0 <= number - played.next <= _FRAMES_PASSED:
+            played = _Played(clip, number, frames.load(range(number, len(frames))))
+        for one in played.frames:
+            played.next += 1
+            if played.next == number + 1:
+                self._played = played
+                shown: bm.LinearImage = one.in_srgb()
+                return shown
+        raise ValueError(f"there is no frame {number}: the clip ends with frame {played.next - 1}")
 
     def _frames(self, path: Path) -> bm.Frames[Any] | None:
         """The frames of a clip; None of a picture."""
@@ -290,13 +344,6 @@ class _Viewer:
         )
 
 
-def _read(path: Path) -> bm.LinearImage:
-    """A picture in linear sRGB, to look at."""
-    import blurmatte as bm
-
-    return bm.read(path).in_srgb()
-
-
 def _of_layer(layer: bm.Layer) -> dict[str, Any] | None:
     """What changes of a layer depend on: its box, mean color, and 99 % quantile of brightness."""
     if layer.empty:
@@ -309,26 +356,74 @@ def _of_layer(layer: bm.Layer) -> dict[str, Any] | None:
     }
 
 
-def _frame(frames: bm.Frames[Any], number: int) -> bm.LinearImage:
-    """One frame of a clip."""
-    one: bm.LinearImage = frames[number]
-    return one.in_srgb()
+def _plain(value: Any) -> Any:
+    """Numbers that the server reads without NumPy; None for what is not finite."""
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    return float(value) if math.isfinite(float(value)) else None
 
 
 def _bytes_of(picture: bm.LinearImage) -> int:
     return int(picture.rgb.nbytes)
 
 
-def _identity(path: Path) -> tuple[str, int]:
+def _identity(path: Path) -> tuple[Any, ...]:
     """A file as it is now."""
-    return str(path), path.stat().st_mtime_ns
+    found = path.stat()
+    return str(path), found.st_mtime_ns, found.st_size
 
 
-def _halved(pixels: Floats) -> Floats:
-    """The mean of each 2×2 pixels; of the last row and column those that there are."""
+def _joined(light: Floats, alpha: Floats | Bools) -> Floats:
+    """(h, w, 4) float32 of light and what goes with it."""
+    import numpy as np
+
+    joined = np.empty((*alpha.shape, 4), np.float32)
+    joined[..., :3], joined[..., 3] = light, alpha
+    return joined
+
+
+def _halved(pixels: Floats, part: str) -> Floats:
+    """The mean of each 2×2 pixels; of the last row and column those that there are.
+
+    Of errors the second channel holds flags: all that one of the pixels has.
+    """
     import numpy as np
 
     height, width = pixels.shape[:2]
-    padded = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    rows = padded[0::2] + padded[1::2]
-    return np.asarray((rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25))
+    if height % 2 or width % 2:
+        pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    rows = pixels[0::2] + pixels[1::2]
+    halved = np.asarray((rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25))
+    if part == "error":
+        flags = pixels[..., 1].astype(np.uint16)
+        either = flags[0::2] | flags[1::2]
+        halved[..., 1] = either[:, 0::2] | either[:, 1::2]
+    return halved
+
+
+def _png(pixels: Floats, part: str, stops: float) -> bytes:
+    """A PNG of 8 bits in sRGB, brighter by stops; a layer with straight alpha."""
+    import io
+
+    import numpy as np
+    from PIL import Image
+
+    import blurmatte as bm
+
+    if not abs(stops) <= _MAX_STOPS:
+        raise ValueError(f"stops must be -{_MAX_STOPS:g} to {_MAX_STOPS:g}, got {stops}")
+    light, alpha = pixels[..., :3], np.clip(pixels[..., 3:], 0, 1)
+    if part == "layer":
+        light = np.divide(light, alpha, out=np.zeros_like(light), where=alpha > 0)
+    codes = bm.SRGB.encode(np.clip(light * np.float32(2.0**stops), 0, 1))
+    if part == "layer":
+        codes = np.dstack([codes, alpha])
+    file = io.BytesIO()
+    Image.fromarray(np.round(255 * codes).astype(np.uint8)).save(file, "png")
+    return file.getvalue()

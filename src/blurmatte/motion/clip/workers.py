@@ -17,15 +17,15 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, replace
-from multiprocessing import resource_tracker
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from blurmatte.interrupts import without_interrupts
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedSequence
 
@@ -80,7 +80,7 @@ class Workers:
 
     def __enter__(self) -> Workers:
         if self._executor is None and self.count > 1:
-            with _without_interrupts():  # processes inherit it, and import for a second
+            with without_interrupts():  # processes inherit it, and import for a second
                 for _ in range(self.count):
                     self._started().submit(int)  # a process starts with its first task
         return self
@@ -274,19 +274,6 @@ def parts_of(
 def shared(workers: int | Workers) -> AbstractContextManager[Workers]:
     """The given workers, which stay open, or new ones that a `with` statement closes."""
     return nullcontext(workers) if isinstance(workers, Workers) else Workers(workers)
-
-
-@contextmanager
-def _without_interrupts() -> Iterator[None]:
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
-        yield
-        return
-    resource_tracker.ensure_running()  # it would unblock the signal
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin() -> None:
