@@ -11,7 +11,7 @@ from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
 import blurmatte as bm
 from blurmatte.background import CameraPath, ClipShot
 from blurmatte.background.shots import joined_shots
-from blurmatte.background.warp import Grid, Warp, inverse
+from blurmatte.background.warp import PixelGrid, Warp, inverse
 from blurmatte.motion.picture.motion import QUANTITIES
 from blurmatte.trajectory import Trajectory
 
@@ -118,7 +118,7 @@ def test_motions_of_the_camera_are_no_cuts():
 def test_camera_path_names_its_farthest_frame():
     # exact
     views = (Warp(similarity(SIZE), SIZE), None, Warp(similarity(SIZE, 3, 4), SIZE))
-    path = CameraPath(SIZE, views, ("", "dark", ""), Grid(SIZE), 0)
+    path = CameraPath(SIZE, views, ("", "dark", ""), PixelGrid(SIZE), 0)
     assert path.reach == pytest.approx(5)
     assert path.registered == [0, 2]
     np.testing.assert_allclose(inverse(inverse(views[2].h)), views[2].h, atol=1e-12)

@@ -71,7 +71,7 @@ def with_keys_every(path, count, distance):
             picture = np.full((48, 64, 3), 40 + 2 * k, np.uint8)
             target.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         target.mux(stream.encode())
-    return bm.read_frames(path, bm.REC709)
+    return bm.read_frames(path, bm.radiometry.REC709)
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ IDENTITY_LIGHT.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class PixelGrid:
     """Pixels of a picture, in those of the picture to whose center its coordinates refer.
 
     Parameters
@@ -57,15 +57,15 @@ class Warp:
         (width, height) of the picture in whose centered coordinates it is.
     lens : float
         k.
-    target, source : Grid, optional
+    target, source : PixelGrid, optional
         Of the result, and of the picture that is interpolated; both as large as `size` if not given.
     """
 
     h: Array
     size: tuple[int, int]
     lens: float = 0.0
-    target: Grid | None = None
-    source: Grid | None = None
+    target: PixelGrid | None = None
+    source: PixelGrid | None = None
 
     def points(self, xy: Array) -> Array:
         """Positions (n, 2) of points xy (n, 2), pixels."""
@@ -174,7 +174,7 @@ def _between(nodes: Floats, pad: int, taps: int, how: Array | Warp, dtype: np.dt
     """Values between nodes under a homography; see `warp`."""
     size = nodes.shape[1] - 2 * pad, nodes.shape[0] - 2 * pad
     whole = how if isinstance(how, Warp) else Warp(how, size)
-    target, source = (grid or Grid(whole.size) for grid in (whole.target, whole.source))
+    target, source = (grid or PixelGrid(whole.size) for grid in (whole.target, whole.source))
     width, height = target.size
     out = np.empty((height, width, nodes.shape[2]), dtype)
     match = homography(whole.h), to_centered(whole.size), float(whole.lens)

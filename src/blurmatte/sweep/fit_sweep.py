@@ -160,7 +160,7 @@ def fit_sweep(
     """
     check_streak("streak", streak)
     check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
-    check_kind("start", start, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("start", start, Sweep | None, "use blurmatte.sweep.fit_sweep(image, plate)")
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = likeliest_streak(image, plate, require_streaks(image, plate), model)

@@ -95,7 +95,7 @@ def fit_transfer(
     check_picture("plate", plate)
     check_streak("streak", streak)
     for curve in curves:
-        check_kind("a curve", curve, Transfer, "use blurmatte.named_transfer(name)")
+        check_kind("a curve", curve, Transfer, "use blurmatte.radiometry.named_transfer(name)")
     declared, other = image.meta.transfer, plate.meta.transfer
     if declared is None or other is None or declared.name != other.name:
         raise PlateError(

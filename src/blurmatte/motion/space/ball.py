@@ -125,7 +125,7 @@ def fit_ball(
     """
     check_picture("image", image)
     check_intrinsics("intrinsics", intrinsics)
-    check_kind("sweep", sweep, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("sweep", sweep, Sweep | None, "use blurmatte.sweep.fit_sweep(image, plate)")
     intrinsics.check_size(image.size)
     image, plate = with_noise(image, plate)
     if sweep is None:
