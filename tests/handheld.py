@@ -13,8 +13,8 @@ NOISE = 0.004
 
 
 def fine_scene(size, seed=3, tile=40):
-    """Light of a scene of `size` pixels, in points, as a lens shows it."""
-    points = colorful_plate(tuple(FINE * side for side in size), seed, tile=FINE * tile)
+    """Light of a scene of `size` pixels, in points, as a lens shows it; pixels are beyond its limit."""
+    points = colorful_plate(size, seed, tile=tile).repeat(FINE, axis=0).repeat(FINE, axis=1)
     return scipy.ndimage.gaussian_filter(points, (1.8, 1.8, 0))
 
 

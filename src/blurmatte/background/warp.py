@@ -24,6 +24,7 @@ from blurmatte.compiling import njit
 
 SPLINE_ORDER = 3  # of the interpolation
 _LENS_STEPS = 4  # of Newton's method
+_PART_PIXELS = 2e4  # that a thread warps at once, at least; fewer take less time than the threads
 _BORDER_PX = 12  # beyond which the border has no influence on a spline, relative to 1e-7
 IDENTITY_LIGHT = np.eye(7, 1).repeat(3, axis=1)  # (7, 3): gain 1, no offset, no field
 IDENTITY_LIGHT.setflags(write=False)
@@ -179,7 +180,8 @@ def _between(nodes: Floats, pad: int, taps: int, how: Array | Warp, dtype: np.dt
     out = np.empty((height, width, nodes.shape[2]), dtype)
     match = homography(whole.h), to_centered(whole.size), float(whole.lens)
     origins = np.array([*target.origin, *source.origin], float)
-    edges = np.linspace(0, height, min(height, 64) + 1).astype(int)
+    parts = int(np.clip(height * width / _PART_PIXELS, 1, min(height, 64)))
+    edges = np.linspace(0, height, parts + 1).astype(int)
 
     def fill(first: int, end: int) -> None:
         """Fill some rows."""
