@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.radiometry import coded_frames, in_codes_of
+from blurmatte.radiometry.coded import coded_frames, in_codes_of
 
 COUNT, SIZE = 60, (64, 48)
 
