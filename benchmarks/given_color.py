@@ -77,7 +77,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m benchmarks.given_color", description=__doc__)
     parser.add_argument("--seeds", type=int, default=2)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bm.BlurmatteWarning)
+        warnings.simplefilter("ignore", bm.errors.BlurmatteWarning)
         print(json.dumps(factors(ratios(parser.parse_args().seeds)), indent=2))
 
 

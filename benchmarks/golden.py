@@ -54,7 +54,7 @@ def entry_of_scene(kind: str, file: str, seed: int) -> dict[str, Any]:
 def entry(image: bm.LinearImage, plate: bm.LinearImage) -> dict[str, Any]:
     """What `solve` makes of two pictures, as plain numbers; or the sentence by which it refuses."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bm.BlurmatteWarning)
+        warnings.simplefilter("ignore", bm.errors.BlurmatteWarning)
         try:
             solution = bm.solve(image, plate)
         except bm.BlurmatteError as error:

@@ -1,9 +1,10 @@
 """Compile every kernel once, so that processes which start later load it from the cache.
 
-Two processes that test would else compile all of them each. Rendered pictures go through every
-solver; run from the repository: python scripts/compile_kernels.py
+Two processes that test would else compile all of them each. Small pictures go through every solver,
+in two processes that need different kernels; run from the repository: python scripts/compile_kernels.py
 """
 
+from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -34,47 +35,76 @@ LINE, PLANE = bm.ColorModel.from_hex("#89d861"), bm.ColorModel.from_hex("#89d861
 CAMERA = Camera(code_std=1.5 / 255)
 COMPRESSING = Camera(code_std=1.5 / 255, jpeg_quality=90, chroma="4:2:0")
 NO_CHANGE = Change()
+AS_THEY_ARE = bm.background.Matching.NONE  # the other process matches plates
 
 Pictures = tuple[bm.LinearImage, bm.LinearImage]
 
 
 def photographed(
-    body: Body, plate: np.ndarray, camera: Camera = CAMERA, change: Change = NO_CHANGE
+    body: Body,
+    plate: np.ndarray,
+    camera: Camera = CAMERA,
+    change: Change = NO_CHANGE,
+    path: bm.Trajectory = PATH,
 ) -> Pictures:
     """Image and plate."""
-    shot = Shot(Scene(plate, PATH, body, change), camera, plate_frames=3, seed=1)
+    shot = Shot(Scene(plate, path, body, change), camera, plate_frames=3, seed=1)
     return shot.photograph(render(shot.scene, 60))
 
 
-def solve_all() -> None:
-    """Every solver, on files of both kinds, in both precisions, and colors of both ranks."""
-    pictures = photographed(BALL, TILES)
-    double = [bm.LinearImage(p.rgb.astype(float), bm.NoiseModel(read_std=2e-3)) for p in pictures]
+def fit_shapes() -> None:
+    """Render, fit sweeps in files of both kinds and both precisions, and use them."""
+    image, plate = photographed(BALL, TILES)
+    double = [
+        bm.LinearImage(p.rgb.astype(float), bm.NoiseModel(read_std=2e-3)) for p in (image, plate)
+    ]
+    solution = bm.solve(image, plate, matching=AS_THEY_ARE)
+    bm.solve(*double, matching=AS_THEY_ARE)
+    for pictures in (
+        photographed(BALL, TILES, COMPRESSING),
+        photographed(BALL, WALL),
+        photographed(Sheet(20, 12, ORANGE), TILES),
+    ):
+        bm.solve(*pictures, matching=AS_THEY_ARE)
+    photographed(star_sprite(20, ORANGE), TILES, CAMERA, Change(spin=(0, 0, 1)))
+    bm.deblur(image, plate, solution.sweep)
+    starts = (24, 40), (40, 36), (56, 32)
+    paths = [bm.Trajectory.line((x, y), (x + 10, y - 3)) for x, y in starts]
+    clip = [photographed(BALL, TILES, path=path)[0] for path in paths]
+    list(bm.measure_clip(clip, plate, LINE))
+
+
+def solve_pixels() -> None:
+    """Solve pixels in both precisions with colors of both ranks; match, make and edit plates."""
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    alpha = 0.5 * (np.hypot((x - 48) / 2, y - 36) < 9)[..., None]
+    rng, light = np.random.default_rng(0), alpha * GREEN + (1 - alpha) * TILES
+    image, plate = CAMERA.photograph(light, rng), CAMERA.photograph(TILES, rng)
+    double = [
+        bm.LinearImage(p.rgb.astype(float), bm.NoiseModel(read_std=2e-3)) for p in (image, plate)
+    ]
     for solver in (bm.Pixelwise(), bm.Smooth()):
         for model in (LINE, PLANE):
-            bm.solve(*pictures, model, solver)
+            bm.solve(image, plate, model, solver)
             bm.solve(*double, model, solver)
-    bm.solve(*pictures)
-    bm.solve(*double)
-    bm.solve(*photographed(BALL, TILES, COMPRESSING))
-    bm.solve(*photographed(BALL, WALL))
-    bm.solve(*photographed(Sheet(20, 12, ORANGE), TILES))
-    photographed(star_sprite(20, ORANGE), TILES, CAMERA, Change(spin=(0, 0, 1)))
+    plate_of_many = bm.make_plate([CAMERA.photograph(TILES, rng) for _ in range(8)]).plate
+    bm.solve(image, plate_of_many, LINE, bm.Pixelwise())
+    shifted = bm.LinearImage(np.roll(plate.rgb, 2, axis=1))
+    bm.match_plate(shifted, image)
+    with TemporaryDirectory() as folder:
+        edit_file(Path(folder), image)
 
 
-def edit_file(folder: Path) -> None:
-    """A JPEG written anew in part, and a plate of many frames."""
-    image, plate = photographed(BALL, TILES)
+def edit_file(folder: Path, image: bm.LinearImage) -> None:
+    """A JPEG written anew in part."""
     bm.write(folder / "image.jpg", image)
     changed = np.zeros(SIZE[::-1], bool)
     changed[20:30, 20:30] = True
     original = bm.read(folder / "image.jpg", bm.SRGB)
     bm.write_changed(folder / "changed.jpg", folder / "image.jpg", original, changed)
-    rng = np.random.default_rng(0)
-    bm.make_plate([CAMERA.photograph(plate.rgb, rng) for _ in range(8)])
 
 
 if __name__ == "__main__":
-    solve_all()
-    with TemporaryDirectory() as folder:
-        edit_file(Path(folder))
+    with get_context("spawn").Pool(2) as pool:
+        for running in [pool.apply_async(work) for work in (fit_shapes, solve_pixels)]:
+            running.get()

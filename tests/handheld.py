@@ -3,7 +3,7 @@
 import numpy as np
 import scipy
 
-from blurmatte.background.warp import Grid, Warp, warped
+from blurmatte.background.warp import PixelGrid, Warp, warped
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory
@@ -13,8 +13,8 @@ NOISE = 0.004
 
 
 def fine_scene(size, seed=3, tile=40):
-    """Light of a scene of `size` pixels, in points, as a lens shows it."""
-    points = colorful_plate(tuple(FINE * side for side in size), seed, tile=FINE * tile)
+    """Light of a scene of `size` pixels, in points, as a lens shows it; pixels are beyond its limit."""
+    points = colorful_plate(size, seed, tile=tile).repeat(FINE, axis=0).repeat(FINE, axis=1)
     return scipy.ndimage.gaussian_filter(points, (1.8, 1.8, 0))
 
 
@@ -28,7 +28,7 @@ def shown(points, size, h, lens=0.0):
     """(h, w, 3) light of a frame: means over its pixels; the scene is centered."""
     fine = tuple(FINE * side for side in size)
     corner = tuple(-((n - m) // 2) for n, m in zip(points.shape[1::-1], fine, strict=True))
-    how = Warp(h, fine, lens, Grid(fine), Grid(points.shape[1::-1], corner))
+    how = Warp(h, fine, lens, PixelGrid(fine), PixelGrid(points.shape[1::-1], corner))
     width, height = size
     return warped(points, how).reshape(height, FINE, width, FINE, -1).mean(axis=(1, 3))
 

@@ -151,8 +151,11 @@ def test_masked_pixels_are_not_valid():
         (lambda: bm.LinearImage((255 * LIGHT).astype(int)), "rgb must hold linear light as floats"),
         (lambda: bm.LinearImage(LIGHT, np.ma.masked_array(LIGHT)), "noise must be an array without"),
         (lambda: bm.Layer(np.ma.masked_array(LIGHT[..., 0]), LIGHT), "alpha must be an array without"),
-        (lambda: bm.Streak(np.ma.masked_array(LIGHT[..., 0] > 0)), "mask must be an array without"),
-        (lambda: bm.Streak([[True]]), "mask must be a NumPy array, got list"),
+        (
+            lambda: bm.streaks.Streak(np.ma.masked_array(LIGHT[..., 0] > 0)),
+            "mask must be an array without",
+        ),
+        (lambda: bm.streaks.Streak([[True]]), "mask must be a NumPy array, got list"),
     ],
 )  # fmt: skip
 def test_arrays_that_cannot_be_taken_are_refused_by_name(make, says):

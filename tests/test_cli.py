@@ -234,7 +234,7 @@ def test_occluder_is_excluded_and_flagged(scene, tmp_path):
     base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     good(*base, "--out", tmp_path / "o", "--occluder", tmp_path / "post.png")
     solution = bm.read_solution(tmp_path / "o" / "layer.exr")
-    flagged = (solution.quality & bm.Quality.OCCLUDED) != 0
+    flagged = (solution.quality & bm.matting.Quality.OCCLUDED) != 0
     assert flagged[:, 56:60].any()
     assert not flagged[:, :56].any()
     assert not solution.layer.alpha[:, 56:60].any()

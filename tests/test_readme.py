@@ -211,4 +211,4 @@ def test_second_command_is_what_ci_runs():
 
 def test_every_flag_is_explained():
     flags = re.findall(r"^\| `([A-Z_]+)` \| (\d+) \|", OUTPUT, re.MULTILINE)
-    assert flags == [(flag.name, str(flag.value)) for flag in bm.Quality]
+    assert flags == [(flag.name, str(flag.value)) for flag in bm.matting.Quality]

@@ -37,7 +37,7 @@ def solved():
     truth = rendered(bm.rendering.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body))
     image, plate = noisy(truth, NOISE, 1)
     image.valid[33, 45] = False
-    streak = bm.Streak(truth.layer.alpha > 0)
+    streak = bm.streaks.Streak(truth.layer.alpha > 0)
     return image, plate, bm.solve(image, plate, truth.model, streak=streak)
 
 
@@ -121,7 +121,9 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
         )
     )
     images = [replace(p, noise=NOISE) for p in (truth.image, truth.plate)]
-    solution = bm.solve(*images, model, bm.Smooth(), streak=bm.Streak(truth.layer.alpha > 0))
+    solution = bm.solve(
+        *images, model, bm.Smooth(), streak=bm.streaks.Streak(truth.layer.alpha > 0)
+    )
     bm.save_results(tmp_path, *images, solution)
     mean = solution.layer.color
     np.testing.assert_allclose(solution.model.mean, mean, rtol=1e-5)
@@ -205,12 +207,12 @@ def test_a_full_disk_changes_nothing(tmp_path, solved, size):
     for name in NAMES[::2]:
         (folder / name).write_text("old")
     before = content(folder)
-    with room_for(size), pytest.raises(bm.FileError) as caught:
+    with room_for(size), pytest.raises(bm.errors.FileError) as caught:
         bm.save_results(folder, *solved)
     assert str(caught.value).startswith(f"{folder}/")
     assert ".blurmatte-" not in str(caught.value)
     assert content(folder) == before
-    with room_for(size), pytest.raises(bm.FileError):
+    with room_for(size), pytest.raises(bm.errors.FileError):
         bm.save_results(tmp_path / "new" / "one", *solved)
     assert not (tmp_path / "new").exists()
 
@@ -218,7 +220,7 @@ def test_a_full_disk_changes_nothing(tmp_path, solved, size):
 def test_file_as_parent_folder_gives_one_line(tmp_path, solved):
     (tmp_path / "file").write_text("mine")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
-        with pytest.raises(bm.FileError) as caught:
+        with pytest.raises(bm.errors.FileError) as caught:
             bm.save_results(folder, *solved)
         assert str(caught.value).startswith(f"{folder}: check the folder")
         assert "\n" not in str(caught.value)
@@ -227,7 +229,7 @@ def test_file_as_parent_folder_gives_one_line(tmp_path, solved):
 
 def test_folder_of_the_name_of_a_file_is_named(tmp_path, solved):
     (tmp_path / "layer.exr").mkdir()
-    with pytest.raises(bm.FileError, match=r"layer\.exr: move or rename this folder"):
+    with pytest.raises(bm.errors.FileError, match=r"layer\.exr: move or rename this folder"):
         bm.save_results(tmp_path, *solved)
     assert sorted(os.listdir(tmp_path)) == ["layer.exr"]
 
@@ -235,7 +237,7 @@ def test_folder_of_the_name_of_a_file_is_named(tmp_path, solved):
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
 def test_unwritable_folder_gives_one_line(tmp_path, solved):
     (tmp_path / "closed").mkdir(mode=0o500)
-    with pytest.raises(bm.FileError, match="Permission denied"):
+    with pytest.raises(bm.errors.FileError, match="Permission denied"):
         bm.save_results(tmp_path / "closed", *solved)
 
 

@@ -67,7 +67,7 @@ def cpu_seconds(job: Callable[[], object]) -> float:
 
 def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     """Steps, CPU seconds of each, and the number of frames that it did."""
-    clip, alone = bm.read_frames(path), bm.Workers(1)
+    clip, alone = bm.read_frames(path), bm.motion.Workers(1)
     count = len(clip)
     plates: list[bm.LinearImage] = []
     plate_seconds = cpu_seconds(lambda: plates.append(clip_plate(clip)))

@@ -43,7 +43,7 @@ layers = [bm.solve(image, plate, model).layer for image, _ in photographed]
 print(f"{model.hex[0]}, {len(layers)} frames")
 
 # **All layers over the plate,** and as one exposure as long as the clip.
-together = bm.stack(layers)
+together = bm.compositing.stack(layers)
 long = bm.compositing.long_exposure(layers)
 save(
     __file__,

@@ -34,7 +34,7 @@ truth = bm.rendering.render(shot.scene)
 image, plate = shot.photograph(truth)
 
 # **Its sweep and the sharp ball.**
-sweep = bm.fit_sweep(image, plate, model=bm.ColorModel.any())
+sweep = bm.sweep.fit_sweep(image, plate, model=bm.ColorModel.any())
 sharp = bm.deblur(image, plate, sweep)
 frames = sharp.subframes(8)
 

@@ -40,7 +40,7 @@ moving = bm.rendering.render(scene)
 # **The plane of colors from the core,** where the plate's texture is invisible; then each pixel alone.
 little = bm.NoiseModel(read_std=1e-6)
 image, plate = moving.image.with_noise(little), moving.plate.with_noise(little)
-streak = bm.Streak(moving.layer.alpha > 0)
+streak = bm.streaks.Streak(moving.layer.alpha > 0)
 model = bm.ColorModel.from_samples(bm.color.core_colors(image, plate, streak), rank=2, robust=True)
 solution = bm.solve(image, plate, model, bm.Pixelwise(), streak=streak)
 known = solution.known & solution.streak

@@ -2,7 +2,6 @@
 
 from blurmatte import background as background
 from blurmatte import calibration as calibration
-from blurmatte import formats as formats
 from blurmatte import clips as clips
 from blurmatte import color as color
 from blurmatte import compositing as compositing
@@ -20,17 +19,11 @@ from blurmatte import sweep as sweep
 from blurmatte.background import match_plate as match_plate
 from blurmatte.background import make_plate as make_plate
 from blurmatte.color import ColorModel as ColorModel
-from blurmatte.color import pick_colors as pick_colors
-from blurmatte.clips import ClipRun as ClipRun
 from blurmatte.clips import save_clip as save_clip
 from blurmatte.compositing import remove as remove
 from blurmatte.compositing import retouch as retouch
-from blurmatte.compositing import stack as stack
 from blurmatte.deblurring import deblur as deblur
-from blurmatte.deblurring import Sharp as Sharp
 from blurmatte.errors import BlurmatteError as BlurmatteError
-from blurmatte.errors import BlurmatteWarning as BlurmatteWarning
-from blurmatte.errors import FileError as FileError
 from blurmatte.explain import explain as explain
 from blurmatte.files import Frames as Frames
 from blurmatte.files import read as read
@@ -50,32 +43,22 @@ from blurmatte.intrinsics import Intrinsics as Intrinsics
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import Pixelwise as Pixelwise
 from blurmatte.matting import Grade as Grade
-from blurmatte.matting import Quality as Quality
-from blurmatte.matting import Shaded as Shaded
 from blurmatte.matting import Solution as Solution
 from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
-from blurmatte.motion import Motion as Motion
 from blurmatte.motion import Scale as Scale
-from blurmatte.motion import Workers as Workers
 from blurmatte.motion import measure_clip as measure_clip
 from blurmatte.motion import measure_motion as measure_motion
 from blurmatte.motion import solve_clip as solve_clip
 from blurmatte.radiometry import LINEAR as LINEAR
-from blurmatte.radiometry import REC709 as REC709
 from blurmatte.radiometry import SRGB as SRGB
 from blurmatte.radiometry import LinearImage as LinearImage
 from blurmatte.radiometry import NoiseModel as NoiseModel
-from blurmatte.radiometry import Transfer as Transfer
 from blurmatte.radiometry import decode as decode
-from blurmatte.radiometry import named_transfer as named_transfer
 from blurmatte.results import save_results as save_results
-from blurmatte.streaks import Streak as Streak
 from blurmatte.streaks import find_streaks as find_streaks
-from blurmatte.sweep import Sweep as Sweep
 from blurmatte.sweep import fit_color as fit_color
-from blurmatte.sweep import fit_sweep as fit_sweep
 from blurmatte.trajectory import Trajectory as Trajectory
 
 __version__: str

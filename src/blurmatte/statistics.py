@@ -97,6 +97,18 @@ def block_squares(e: Floats, use: Bools, size: int) -> Array:
     return squares / count[full][:, None]
 
 
+def mean_of_blocks(e: Floats, use: Bools, size: int, channels: int, trimmed: float = 0.0) -> float:
+    """Mean of the `block_squares` of one channel, without the largest; 1 if there is no block."""
+    squares = block_squares(e, use, size)
+    return trimmed_mean(squares.sum(axis=1) / channels, trimmed) if len(squares) else 1.0
+
+
+def trimmed_mean(values: Array, trimmed: float) -> float:
+    """Mean without this fraction of the values, the largest."""
+    kept = max(int(np.ceil((1 - trimmed) * len(values))), 1)
+    return float(np.mean(np.sort(values)[:kept]))
+
+
 def variance_inflation(e: Floats, use: Bools) -> Array:
     """(channels, 4) variance inflation over blocks of `BLOCK_SIZES`.
 

@@ -51,9 +51,9 @@ def errors(path, views, lens=0.0):
     return [float(np.sqrt(np.mean((a - b) ** 2))) for a, b in zip(found, true, strict=True)]
 
 
-def test_places_of_a_camera_that_shakes_by_20_pixels_are_found_to_a_twentieth_of_a_pixel(shaken):
+def test_places_of_a_camera_that_shakes_by_20_pixels_are_found_to_a_twentieth_of_a_pixel(fit):
     # exact
-    path = register_frames(shaken)
+    path = fit.camera
     assert path.lens == 0
     assert path.reference == 2
     assert max(errors(path, SHAKEN)) < 0.05
@@ -77,7 +77,7 @@ def test_exposure_and_white_balance_may_change_from_frame_to_frame(shaken):
 
 def test_lens_of_a_pan_is_found(points):
     # exact
-    views = [similarity(SIZE, x) for x in np.linspace(-32, 32, 5)]
+    views = [similarity(SIZE, x) for x in (-32, 0, 32)]
     frames = [noisy(shown(points, SIZE, h, -0.05), k) for k, h in enumerate(views)]
     path = register_frames(frames)
     assert path.lens == pytest.approx(-0.05, abs=0.015)
@@ -108,14 +108,14 @@ def test_places_on_the_canvas_and_in_a_frame_are_inverse(fit):
 
 def test_words_state_the_motion_and_the_frames_that_are_not_registered(shaken):
     # door
-    other = noisy(shown(fine_scene((200, 130), seed=9, tile=12), SIZE, SHAKEN[0]), 7)
+    other = LinearImage(shaken[0].rgb[::-1, ::-1])
     fog = LinearImage(np.full_like(shaken[0].rgb, shaken[0].rgb.mean()))
-    fit = make_plate([*shaken[:2], other, *shaken[2:], fog])
-    assert [k for k, _ in fit.camera.unregistered] == [2, 6]
+    fit = make_plate([*shaken[:2], other, *shaken[2:4], fog])
+    assert [k for k, _ in fit.camera.unregistered] == [2, 5]
     said = " ".join(explain(fit))
-    assert "The camera moves: 5 of 7 frames are registered to frame 3" in said
+    assert "The camera moves: 4 of 6 frames are registered to frame 3" in said
     assert "Frame 2 is not registered: it does not look like the frames before" in said
-    assert "Frame 6 is not registered: " in said
+    assert "Frame 5 is not registered: " in said
     with pytest.raises(PlateError, match="the camera moved, and the frame is not registered"):
         fit.camera.plate_at(2, fit.plate)
 

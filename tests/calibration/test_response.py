@@ -44,7 +44,7 @@ def filmic(v):
 CURVES = {
     "gamma1": bm.radiometry.gamma(1).decode,
     "gamma2.2": bm.radiometry.gamma(2.2).decode,
-    "rec709": bm.REC709.decode,
+    "rec709": bm.radiometry.REC709.decode,
     "srgb": bm.SRGB.decode,
     "smooth_s": smooth_s,
     "filmic": filmic,
@@ -156,7 +156,7 @@ def test_white_balance_and_order_change_nothing():
     """Invariant: channels may be brighter than others, pictures may come in any order."""
     rng = np.random.default_rng(4)
     light = scene(rng)
-    pictures = shoot(light * (0.5, 1.0, 0.8), bm.REC709.decode, FIVE[1:4], rng)
+    pictures = shoot(light * (0.5, 1.0, 0.8), bm.radiometry.REC709.decode, FIVE[1:4], rng)
     fit = bm.calibration.fit_response(pictures)
     assert fit.channels_agree
     again = bm.calibration.fit_response(pictures[::-1])

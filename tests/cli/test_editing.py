@@ -213,7 +213,7 @@ def test_edits_rows_of_layers(scene, tmp_path):
     )
     over = "--over", scene / "plate.png"
     good("compose", row, *over, "--rate", 10, "--out", tmp_path / "out.mp4")
-    assert len(bm.read_frames(tmp_path / "out.mp4", bm.REC709)) == 3
+    assert len(bm.read_frames(tmp_path / "out.mp4", bm.radiometry.REC709)) == 3
     single = run("edit", row, "--fade", 0.5, "--out", tmp_path / "x.exr")
     assert "x.####.exr" in complaint(single)
     (tmp_path / "in.0002.exr").unlink()
@@ -264,7 +264,10 @@ def test_remove_and_edit_rows_by_the_numbers_of_their_frames(scene, shot, tmp_pa
 def test_remove_writes_clips_and_refuses_rows_that_do_not_fit(scene, shot, tmp_path):
     row, own = shot
     good("remove", row, *own, "--out", tmp_path / "gone.mov")
-    gone, plate = bm.read_frames(tmp_path / "gone.mov", bm.REC709), bm.read(scene / "plate.png")
+    gone, plate = (
+        bm.read_frames(tmp_path / "gone.mov", bm.radiometry.REC709),
+        bm.read(scene / "plate.png"),
+    )
     assert all(np.abs(frame.rgb - plate.rgb).max() < 0.1 for frame in gone)
     again = "--image", tmp_path / "gone.mov", *own[2:], "--out", tmp_path / "x.####.png"
     assert "numbered 1002 to 9000, pictures 0 to 2" in complaint(run("remove", row, *again))
@@ -284,7 +287,7 @@ def test_stacks_layers(scene, tmp_path):
     written = good("stack", *names, "--out", tmp_path / "all.exr")
     assert written.stdout.strip() == str(tmp_path / "all.exr")
     together = bm.read_layer(tmp_path / "all.exr")
-    assert_allclose(together.alpha, bm.stack(layers).alpha, atol=1e-6)
+    assert_allclose(together.alpha, bm.compositing.stack(layers).alpha, atol=1e-6)
     over = "--over", scene / "plate.png"
     good("stack", tmp_path / "l.#.exr", "--long", *over, "--out", tmp_path / "long.exr")
     expected = bm.compositing.long_exposure(layers).over(bm.read(scene / "plate.png"))

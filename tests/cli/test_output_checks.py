@@ -142,6 +142,6 @@ def test_a_named_scene_may_be_rendered_into_a_folder_of_its_name(tmp_path, monke
 
 def test_missing_video_library_is_reported_before_the_work(monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(bm.FileError, match=r"blurmatte\[video\]"):
+    with pytest.raises(bm.errors.FileError, match=r"blurmatte\[video\]"):
         check_ending(Path("ball.mov"), "a clip", ".mov", ".gif")
     check_ending(Path("ball.gif"), "a clip", ".mov", ".gif")

@@ -20,12 +20,12 @@ NAMES = [f"layer.{k:06d}.exr" for k in range(FIRST, LAST + 1)]
 def run_of(shot, **settings):
     frames = bm.read_frames(shot / "shot.####.exr")
     inputs = (*sorted(shot.glob("shot.*.exr")), shot / "plate.exr")
-    return bm.ClipRun(inputs, frames, bm.read(shot / "plate.exr"), **settings)
+    return bm.clips.ClipRun(inputs, frames, bm.read(shot / "plate.exr"), **settings)
 
 
 def saved(shot, folder, workers=None, **settings):
     """The report of a whole run."""
-    *_, report = bm.save_clip(run_of(shot, **settings), folder, workers or bm.Workers(1))
+    *_, report = bm.save_clip(run_of(shot, **settings), folder, workers or bm.motion.Workers(1))
     return report
 
 
@@ -89,7 +89,7 @@ def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
 
 
 def test_interrupted_run_ends_with_the_same_bytes(shot, once, tmp_path):
-    events = bm.save_clip(run_of(shot), tmp_path, bm.Workers(1))
+    events = bm.save_clip(run_of(shot), tmp_path, bm.motion.Workers(1))
     for event in events:
         if isinstance(event, bm.clips.FrameRecord) and event.frame == FIRST + 2:
             break
@@ -118,16 +118,16 @@ def test_movie_is_as_long_as_the_clip_and_table_may_be_parquet(shot, once, tmp_p
 
 def test_clip_in_which_nothing_moves_is_refused(shot, tmp_path):
     run = run_of(shot)
-    run = bm.ClipRun(run.inputs, run.frames[:3], run.plate)
+    run = bm.clips.ClipRun(run.inputs, run.frames[:3], run.plate)
     with pytest.raises(bm.errors.MotionError, match=r"frames 0 to 2: nothing moved"):
-        list(bm.save_clip(run, tmp_path, bm.Workers(1)))
+        list(bm.save_clip(run, tmp_path, bm.motion.Workers(1)))
 
 
 def test_complete_layers_are_solutions(shot, tmp_path):
     """Exact: the file holds the sweep of the frame, and the light of the plain layer."""
     three = run_of(shot)
-    three = bm.ClipRun(three.inputs, three.frames[3:6], three.plate, complete=True)
-    *_, report = bm.save_clip(three, tmp_path, bm.Workers(1))
+    three = bm.clips.ClipRun(three.inputs, three.frames[3:6], three.plate, complete=True)
+    *_, report = bm.save_clip(three, tmp_path, bm.motion.Workers(1))
     for record in report.records:
         solution = bm.read_solution(tmp_path / record.layer)
         assert solution.sweep is not None
@@ -145,9 +145,9 @@ def test_layers_of_an_earlier_run_are_not_mixed_with_those_of_a_new_one(shot, tm
     for name in others:
         (tmp_path / name).write_text("of another program")
     run = run_of(shot)
-    run = bm.ClipRun(run.inputs, run.frames[1:5], run.plate, complete=True)
+    run = bm.clips.ClipRun(run.inputs, run.frames[1:5], run.plate, complete=True)
     for _ in range(2):  # the second run resumes
-        list(bm.save_clip(run, tmp_path, bm.Workers(1)))
+        list(bm.save_clip(run, tmp_path, bm.motion.Workers(1)))
         kept = {path.name for path in tmp_path.glob("layer.*")}
         assert kept == {*others, *names} - {"layer.000001.exr", "layer.000002.exr"}
     saved(shot, tmp_path, complete=True)  # knows of the transparent layers two runs ago
@@ -177,13 +177,13 @@ def fails(k):
 
 def test_tasks_of_a_killed_process_are_done_again(tmp_path):
     tasks = [(str(tmp_path / "flag"), k) for k in range(5)]
-    with bm.Workers(2) as workers:
+    with bm.motion.Workers(2) as workers:
         assert list(workers.in_order(dies_once, tasks)) == [0, 10, 20, 30, 40]
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_failure_is_named_and_the_rest_goes_on(count):
-    with bm.Workers(count) as workers:
+    with bm.motion.Workers(count) as workers:
         zero, failure, two = workers.outcomes(fails, [(0,), (1,), (2,)])
     assert (zero, two) == (0, 2)
     assert isinstance(failure, Failure)
@@ -208,8 +208,8 @@ def dying(self, one):
 
 Manifest.append = dying
 inputs = (*sorted(shot.glob("shot.*.exr")), shot / "plate.exr")
-run = bm.ClipRun(inputs, bm.read_frames(shot / "shot.####.exr"), bm.read(shot / "plate.exr"))
-list(bm.save_clip(run, folder, bm.Workers(1)))
+run = bm.clips.ClipRun(inputs, bm.read_frames(shot / "shot.####.exr"), bm.read(shot / "plate.exr"))
+list(bm.save_clip(run, folder, bm.motion.Workers(1)))
 """
 
 
@@ -230,13 +230,13 @@ def test_killed_run_ends_with_the_same_bytes(shot, once, tmp_path, stop):
 
 def test_missing_pyav_is_stated_before_frames_are_solved(shot, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(bm.FileError, match=r"blurmatte\[video\]"):
+    with pytest.raises(bm.errors.FileError, match=r"blurmatte\[video\]"):
         run_of(shot, extension=".mov")
 
 
 def test_missing_pyarrow_is_said_at_once(shot, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
-    with pytest.raises(bm.FileError, match=r"blurmatte\[tables\]"):
+    with pytest.raises(bm.errors.FileError, match=r"blurmatte\[tables\]"):
         run_of(shot, table=".parquet")
     with pytest.raises(ValueError, match="xlsx"):
         run_of(shot, table=".xlsx")
@@ -332,8 +332,8 @@ def test_frames_of_a_thing_without_a_path_have_a_layer_each_or_a_reason(tmp_path
         bm.write(tmp_path / f"stick.{k:04d}.exr", frame)
     frames = bm.read_frames(tmp_path / "stick.####.exr")
     plate = bm.LinearImage(ground).with_noise(bm.NoiseModel(read_std=1e-4))
-    run = bm.ClipRun((), frames, plate)
-    *_, report = bm.save_clip(run, tmp_path / "out", bm.Workers(1))
+    run = bm.clips.ClipRun((), frames, plate)
+    *_, report = bm.save_clip(run, tmp_path / "out", bm.motion.Workers(1))
     assert [record.frame for record in report.records] == list(range(8))
     assert all(record.layer or record.reason for record in report.records)
     layers = [record for record in report.records if record.layer]
@@ -345,9 +345,9 @@ def test_frames_of_a_thing_without_a_path_have_a_layer_each_or_a_reason(tmp_path
 def test_clip_without_a_layer_ends_with_a_report_and_one_reason(shot, tmp_path):
     """Exact: of any color, where nothing moves; a table of an older run is no result of this one."""
     run = run_of(shot)
-    run = bm.ClipRun(run.inputs, run.frames[:3], run.plate, bm.ColorModel.any())
+    run = bm.clips.ClipRun(run.inputs, run.frames[:3], run.plate, bm.ColorModel.any())
     (tmp_path / "frames.csv").write_text("old")
-    report = list(bm.save_clip(run, tmp_path, bm.Workers(1)))[-1]
+    report = list(bm.save_clip(run, tmp_path, bm.motion.Workers(1)))[-1]
     assert report.problems == ("3 of 3 frames have no layer: nothing moved",)
     assert report.records == ()
     assert json.loads((tmp_path / "report.json").read_text())["problems"] == list(report.problems)

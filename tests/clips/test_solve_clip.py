@@ -81,7 +81,7 @@ def test_frames_are_solved_by_the_given_solver(pictures, truth, solver):
 def test_a_plate_in_shadow_is_refused_in_a_clip(pictures):
     frames, plate = pictures
     with pytest.raises(ValueError, match="the shadow moves with the object"):
-        next(bm.solve_clip(frames, plate, solver=bm.Shaded(plate=plate)))
+        next(bm.solve_clip(frames, plate, solver=bm.matting.Shaded(plate=plate)))
 
 
 def test_multiplied_errors_have_their_grade(pictures):

@@ -25,7 +25,7 @@ def clip(pictures):
 @pytest.fixture(scope="module")
 def events(clip):
     """All that comes of the clip."""
-    return list(measured(clip, bm.Workers(1)))
+    return list(measured(clip, bm.motion.Workers(1)))
 
 
 def test_each_frame_is_compared_with_the_plate_once(clip, monkeypatch):
@@ -37,7 +37,7 @@ def test_each_frame_is_compared_with_the_plate_once(clip, monkeypatch):
         return real(self, frame)
 
     monkeypatch.setattr(Gate, "changes", counted)
-    found = whole(measured(replace(clip, model=None), bm.Workers(1)))
+    found = whole(measured(replace(clip, model=None), bm.motion.Workers(1)))
     assert sum(row.sighting is not None for row in found.rows) == LAST - FIRST + 1
     assert len(compared) == COUNT
     assert set(compared.values()) == {1}
@@ -46,7 +46,7 @@ def test_each_frame_is_compared_with_the_plate_once(clip, monkeypatch):
 def test_finished_frames_are_not_measured_again(clip, events):
     """Exact: the same table from five finished frames, which are not yielded."""
     *seen, last = events
-    *rest, resumed = measured(replace(clip, finished=seen[:5]), bm.Workers(1))
+    *rest, resumed = measured(replace(clip, finished=seen[:5]), bm.motion.Workers(1))
     assert [one.frame for one in rest] == list(range(5, COUNT))
     assert isinstance(resumed, ClipMeasured)
     assert [row.numbers() for row in resumed.rows] == [row.numbers() for row in last.rows]
@@ -57,14 +57,16 @@ def test_nothing_is_found_again_if_all_solutions_exist(clip, events):
     *seen, last = events
     places = {row.place for row in last.rows if row.sighting is not None}
     done = replace(clip, finished=seen, written=places)
-    found = [whole(measured(one, bm.Workers(1))) for one in (done, replace(done, written=set()))]
+    found = [
+        whole(measured(one, bm.motion.Workers(1))) for one in (done, replace(done, written=set()))
+    ]
     assert [one.scene is None for one in found] == [True, False]
     assert [one.model for one in found] == [None, MODEL]
 
 
 def test_log_says_how_many_frames_are_measured(clip, caplog):
     with caplog.at_level(logging.INFO, "blurmatte"):
-        whole(measured(replace(clip, frames=clip.frames[:4]), bm.Workers(1)))
+        whole(measured(replace(clip, frames=clip.frames[:4]), bm.motion.Workers(1)))
     said = [message for message in caplog.messages if message.startswith("measuring: ")]
     assert [one.split(",")[0] for one in said] == [f"measuring: {k} of 4" for k in range(1, 5)]
     assert said[-1].endswith("0 s remain")

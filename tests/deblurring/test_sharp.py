@@ -71,7 +71,7 @@ def test_errors_are_honest():
 def test_misfit_is_about_one_with_the_true_path_and_more_with_another(ball, sharp):
     assert 0.6 < sharp.misfit < 1
     wrong = replace(ball.sweep, path=ball.sweep.path + np.array([0, 0, 4.0, 1.2]))
-    with pytest.warns(bm.BlurmatteWarning, match="does not explain the light"):
+    with pytest.warns(bm.errors.BlurmatteWarning, match="does not explain the light"):
         misfit = bm.deblur(ball.image, ball.plate, wrong, refine=False).misfit
     assert misfit > 2 * sharp.misfit
 
@@ -127,7 +127,7 @@ def test_a_curved_path_that_was_fitted_as_a_bounce_is_found():
     assert np.abs(sweep.family.at(sweep.path, t)[0] - curved).max() < 0.3
 
 
-@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.BlurmatteWarning")
 def test_parameters_that_are_fixed_keep_their_values(ball, sharp):
     """Exact: a departure at its bound, as of a line, has no information; so does another motion."""
     off = np.array([3.0, -2.0, -3.0, 2.5])
@@ -143,7 +143,7 @@ def test_parameters_that_are_fixed_keep_their_values(ball, sharp):
     assert found.sweeps[0].path[4] == pytest.approx(-0.09)
 
 
-@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.BlurmatteWarning")
 def test_errors_of_a_wrong_model_are_widened():
     """The texture of a ball that spins: residuals are correlated."""
     z = []
@@ -202,7 +202,7 @@ def compressed(texture):
     return found, image, plate
 
 
-@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")  # of independent noise
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.BlurmatteWarning")  # of independent noise
 def test_a_compressed_picture_is_sharper_under_the_likelihood_of_its_file():
     """A ball of saturated patches: independent noise and unblurred chroma are wrong."""
     found, image, plate = compressed(patches(5))
@@ -268,7 +268,7 @@ def test_a_solution_is_deblurred_without_its_pictures(ball):
 def test_a_rejected_sweep_is_warned_of(ball):
     diagnostics = replace(ball.sweep.diagnostics, converged=False)
     rejected = replace(ball.sweep, diagnostics=diagnostics)
-    with pytest.warns(bm.BlurmatteWarning, match="did not converge"):
+    with pytest.warns(bm.errors.BlurmatteWarning, match="did not converge"):
         bm.deblur(ball.image, ball.plate, rejected, refine=False)
 
 

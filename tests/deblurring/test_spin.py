@@ -256,7 +256,7 @@ def test_a_compressed_picture_of_a_spinning_ball_has_the_likelihood_of_its_file(
 @pytest.mark.battery
 def test_subframes_of_a_spinning_ball_are_closer_to_the_truth(ball, spin):
     sharp = bm.deblur(ball.image, ball.plate, ball.sweep, spin=spin)
-    with pytest.warns(bm.BlurmatteWarning, match="a ball may spin"):
+    with pytest.warns(bm.errors.BlurmatteWarning, match="a ball may spin"):
         without = bm.deblur(ball.image, ball.plate, ball.sweep)
     assert psnr(sharp, ball.truth) > psnr(without, ball.truth) + 3
     assert_allclose(sharp.spin.rotation, spin.rotation)
@@ -297,10 +297,10 @@ def test_a_spin_is_chosen_by_its_evidence(ball, spin, monkeypatch):
     assert_allclose(chosen(spin).spin.rotation, spin.rotation)
     error = bm.errors.SpinError("two spins")
     error.likeliest = spin
-    with pytest.warns(bm.BlurmatteWarning, match="not certain: two spins"):
+    with pytest.warns(bm.errors.BlurmatteWarning, match="not certain: two spins"):
         assert chosen(error).spin is not None
-    refuted = pytest.warns(bm.BlurmatteWarning, match="does not explain the light")
-    with refuted, pytest.warns(bm.BlurmatteWarning, match="not certain: too weak"):
+    refuted = pytest.warns(bm.errors.BlurmatteWarning, match="does not explain the light")
+    with refuted, pytest.warns(bm.errors.BlurmatteWarning, match="not certain: too weak"):
         assert chosen(bm.errors.SpinError("too weak")).spin is None
     with pytest.raises(ValueError, match="auto"):
         bm.deblur(ball.image, ball.plate, ball.sweep, spin="maybe")

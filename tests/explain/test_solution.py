@@ -71,7 +71,7 @@ def case():
     maps = PixelMaps.zeros(40, 60, np.float32)
     maps.alpha[...] = 2 * alpha
     maps.premultiplied[...] = light + alpha[..., None] * plate
-    maps.quality[alpha == 0] = bm.Quality.OUTSIDE
+    maps.quality[alpha == 0] = bm.matting.Quality.OUTSIDE
     stats = bm.matting.SolutionStats(grade=bm.Grade.ASSUMED, image_noise=NOISE, plate_noise=NOISE)
     solution = bm.Solution(*maps, model=bm.ColorModel.any(), solver="", stats=stats)
     return bm.LinearImage(image), bm.LinearImage(plate), solution

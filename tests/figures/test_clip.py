@@ -56,11 +56,9 @@ def test_sheet_has_one_ground_a_name_and_a_legend():
 def test_doubted_frames_are_dashed():
     """Exact: doubtful frames have neither bright lines nor crosses."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
-    bright = [
-        np.sum((draw_clip(PLATE, way)[100:1300] == Palette.bright).all(axis=-1))
-        for way in (sure, doubted)
-    ]
-    crosses = [len(rows_with(draw_clip(PLATE, way), Palette.streak)) for way in (sure, doubted)]
+    sheets = [draw_clip(PLATE, rows) for rows in (sure, doubted)]
+    bright = [np.sum((sheet[100:1300] == Palette.bright).all(axis=-1)) for sheet in sheets]
+    crosses = [len(rows_with(sheet, Palette.streak)) for sheet in sheets]
     assert bright[0] > 300 > bright[1] == 0
     assert crosses[0] > crosses[1] == 0
     one = draw_clip(PLATE, [*sure[:2], doubted[2], *sure[3:]])

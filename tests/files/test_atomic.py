@@ -87,10 +87,10 @@ def test_set_without_its_last_file_is_marked(tmp_path, monkeypatch):
 def test_pipe_is_neither_read_nor_replaced(tmp_path):
     for name in ("pipe.png", "pipe.json"):
         os.mkfifo(tmp_path / name)
-    with pytest.raises(bm.FileError, match="is a pipe or a device"):
+    with pytest.raises(bm.errors.FileError, match="is a pipe or a device"):
         bm.read(tmp_path / "pipe.png")
-    with pytest.raises(bm.FileError, match="is a pipe or a device"):
+    with pytest.raises(bm.errors.FileError, match="is a pipe or a device"):
         bm.read_noise(tmp_path / "pipe.json")
-    with pytest.raises(bm.FileError, match="is a pipe or a device"):
+    with pytest.raises(bm.errors.FileError, match="is a pipe or a device"):
         bm.write(tmp_path / "pipe.json", {"a": 1})
     assert (tmp_path / "pipe.json").is_fifo()

@@ -73,7 +73,7 @@ def test_calibration_of_opencv_is_read(tmp_path, storage):
 def test_invalid_intrinsics_raise_file_error(tmp_path, name, text, says):
     """door: a FileError that says what to give."""
     (tmp_path / name).write_text(text)
-    with pytest.raises(bm.FileError, match=says):
+    with pytest.raises(bm.errors.FileError, match=says):
         bm.read_intrinsics(tmp_path / name)
 
 
@@ -199,7 +199,7 @@ def test_models_of_colmap_are_read(tmp_path, model, right):
 def test_lens_of_another_model_is_refused(tmp_path, name, text, says):
     """door: never taken for a lens that is not stated."""
     (tmp_path / name).write_text(text if isinstance(text, str) else json.dumps(text))
-    with pytest.raises(bm.FileError) as caught:
+    with pytest.raises(bm.errors.FileError) as caught:
         bm.read_intrinsics(tmp_path / name)
     assert says in str(caught.value)
 

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 import blurmatte as bm
 
 FIT = bm.calibration.ResponseFit(
-    transfer=bm.Transfer.from_table("mine", bm.SRGB.table(4081)),
+    transfer=bm.radiometry.Transfer.from_table("mine", bm.SRGB.table(4081)),
     std=np.full(256, 0.01),
     exposure_times=(0.1, 0.2),
     noise=0.004,
@@ -71,7 +71,7 @@ def test_other_content_is_rejected(tmp_path, content, says):
     """Door: one line that begins with the file."""
     path = tmp_path / "c.json"
     path.write_bytes(content)
-    with pytest.raises(bm.FileError) as caught:
+    with pytest.raises(bm.errors.FileError) as caught:
         bm.read_transfer(path)
     assert str(caught.value).startswith(
         f"{path}: give a file that blurmatte calibrate response wrote"
@@ -86,16 +86,16 @@ def test_curves_and_color_models_are_distinguished(tmp_path):
     bm.write(curve, bm.SRGB)
     bm.write(model, bm.ColorModel.from_hex("#d8ff3c"))
     with pytest.raises(
-        bm.FileError, match=r"give a file that blurmatte calibrate .*it holds a color model"
+        bm.errors.FileError, match=r"give a file that blurmatte calibrate .*it holds a color model"
     ):
         bm.read_transfer(model)
-    with pytest.raises(bm.FileError, match=r"give a file .* holds a transfer curve"):
+    with pytest.raises(bm.errors.FileError, match=r"give a file .* holds a transfer curve"):
         bm.read_color_model(curve)
 
 
 def test_other_extensions_are_rejected(tmp_path):
     """Door: a curve is no picture."""
-    with pytest.raises(bm.FileError, match=r"a Transfer is written as \.json"):
+    with pytest.raises(bm.errors.FileError, match=r"a Transfer is written as \.json"):
         bm.write(tmp_path / "c.png", bm.SRGB)
-    with pytest.raises(bm.FileError, match="there is no such file"):
+    with pytest.raises(bm.errors.FileError, match="there is no such file"):
         bm.read_transfer(tmp_path / "none.json")

@@ -85,10 +85,12 @@ def test_frames_of_joined_files_are_counted_and_their_times_go_on(tmp_path, kind
     ]
     path = tmp_path / f"joined.{kind}"
     path.write_bytes(b"".join(parts))
-    with pytest.warns(bm.BlurmatteWarning, match="time stamps go back at frame 16: each goes on"):
+    with pytest.warns(
+        bm.errors.BlurmatteWarning, match="time stamps go back at frame 16: each goes on"
+    ):
         frames = read_frames(path, REC709)
     assert np.allclose(np.diff(frames.times), 1 / 25)
-    with pytest.warns(bm.BlurmatteWarning):
+    with pytest.warns(bm.errors.BlurmatteWarning):
         check_numbers(path, list(range(30)))
 
 
@@ -100,11 +102,11 @@ def test_clip_that_begins_between_key_frames_begins_with_the_first_decoded_frame
     """Exact: each picture has one number in all parts, and its time of the file."""
     context, packets = packets_of(FORMATS[kind], 0, 30)
     path = save(tmp_path / f"cut.{kind}", context, packets[lost:])
-    with pytest.warns(bm.BlurmatteWarning, match=r"\d of \d\d frames .*cannot be decoded"):
+    with pytest.warns(bm.errors.BlurmatteWarning, match=r"\d of \d\d frames .*cannot be decoded"):
         frames = read_frames(path, REC709)
     first = shown(frames[:1])[0]
     assert 0 < first < 11
-    with pytest.warns(bm.BlurmatteWarning):
+    with pytest.warns(bm.errors.BlurmatteWarning):
         whole = check_numbers(path, list(range(first, 30)))
     assert np.allclose(np.diff(whole.times), 1 / 25)
 
@@ -114,11 +116,11 @@ def test_clip_without_any_key_frame_is_refused(tmp_path):
     one_key = {"sc_threshold": "1000000000"}
     context, packets = packets_of("mpeg4", 0, 12, group=100, options=one_key)
     path = save(tmp_path / "cut.mkv", context, packets[3:])
-    with pytest.raises(bm.FileError, match=r"cut it at a key frame.*it has no key frame"):
+    with pytest.raises(bm.errors.FileError, match=r"cut it at a key frame.*it has no key frame"):
         read_frames(path, REC709)
 
 
-@pytest.mark.filterwarnings("ignore:.*it ends after about:blurmatte.BlurmatteWarning")
+@pytest.mark.filterwarnings("ignore:.*it ends after about:blurmatte.errors.BlurmatteWarning")
 def test_frames_without_time_stamps_are_counted_from_the_first_decoded_one(tmp_path):
     """Exact: AVI states none for H.264."""
     context, packets = packets_of("libx264", 0, 30)
@@ -127,7 +129,7 @@ def test_frames_without_time_stamps_are_counted_from_the_first_decoded_one(tmp_p
         packet.time_base = Fraction(1, 25)
     context.time_base = Fraction(1, 25)
     path = save(tmp_path / "cut.avi", context, packets[5:])
-    with pytest.warns(bm.BlurmatteWarning, match="cannot be decoded|ends after"):
+    with pytest.warns(bm.errors.BlurmatteWarning, match="cannot be decoded|ends after"):
         frames = read_frames(path, REC709)
     assert 15 < len(frames) < 25
     assert shown(frames) == list(range(30 - len(frames), 30))
@@ -144,7 +146,9 @@ def test_frames_of_one_time_stamp_lie_between_their_neighbors(tmp_path):
     assert 240 in stamps
     path = tmp_path / "same.mkv"
     save(path, context, packets)
-    with pytest.warns(bm.BlurmatteWarning, match="time stamps repeat at frame 6: those frames"):
+    with pytest.warns(
+        bm.errors.BlurmatteWarning, match="time stamps repeat at frame 6: those frames"
+    ):
         frames = check_numbers(path, list(range(12)))
     assert np.allclose(frames.times, np.arange(12) / 25, atol=1e-3)
 

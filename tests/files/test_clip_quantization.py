@@ -20,7 +20,7 @@ def clip(path, codec, options, count=4):
         for _ in range(count):
             target.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         target.mux(stream.encode())
-    return bm.read_frames(path, bm.REC709)
+    return bm.read_frames(path, bm.radiometry.REC709)
 
 
 @pytest.mark.parametrize(("qp", "step"), [(16, 0.625 * 2 ** (16 / 6)), (28, 0.625 * 2 ** (28 / 6))])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.radiometry import coded_frames, in_codes_of
+from blurmatte.radiometry.coded import coded_frames, in_codes_of
 
 COUNT, SIZE = 60, (64, 48)
 
@@ -71,7 +71,7 @@ def with_keys_every(path, count, distance):
             picture = np.full((48, 64, 3), 40 + 2 * k, np.uint8)
             target.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
         target.mux(stream.encode())
-    return bm.read_frames(path, bm.REC709)
+    return bm.read_frames(path, bm.radiometry.REC709)
 
 
 @pytest.mark.parametrize(

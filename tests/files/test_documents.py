@@ -29,7 +29,7 @@ READERS = [
 
 def refused(reader, path):
     """The message of a reader, one short line."""
-    with pytest.raises(bm.FileError) as caught:
+    with pytest.raises(bm.errors.FileError) as caught:
         reader(path)
     said = str(caught.value)
     assert "\n" not in said

@@ -492,7 +492,7 @@ def with_segments(path, *bodies, behind=b""):
     ],
     ids=["gain map", "clip", "preview"],
 )
-@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.BlurmatteWarning")
 def test_statements_about_further_pictures_go_with_them(
     tmp_path, recwarn, extension, xmp, kept, gone, says
 ):
@@ -513,7 +513,7 @@ def test_statements_about_further_pictures_go_with_them(
     )
 
 
-@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.BlurmatteWarning")
 def test_gain_map_of_iso_and_small_copies_of_photoshop_are_removed(tmp_path):
     """Exact: the segment of ISO 21496-1 and two resources; the others are kept byte by byte."""
 

@@ -414,5 +414,5 @@ def test_mask_with_two_shapes_is_refused(tmp_path):
     alpha = np.full_like(codes, 255)
     alpha[:, :3] = 0
     Image.fromarray(np.dstack([codes, codes, codes, alpha])).save(tmp_path / "mask.png")
-    with pytest.raises(bm.FileError, match="its opaque pixels are both black and white"):
+    with pytest.raises(bm.errors.FileError, match="its opaque pixels are both black and white"):
         bm.read_mask(tmp_path / "mask.png")

@@ -161,7 +161,9 @@ def _write_documents(folder):
     model = bm.ColorModel(model.basis, 1e-6 * np.eye(3), {"samples": 0.1})
     bm.write(folder / "model.json", model)
     bm.write(folder / "noise.json", bm.NoiseModel(1e-5, 2e-3, 1e-3))
-    bm.write(folder / "curve.json", bm.Transfer.from_table("mine", np.linspace(0, 1, 17)))
+    bm.write(
+        folder / "curve.json", bm.radiometry.Transfer.from_table("mine", np.linspace(0, 1, 17))
+    )
     lens = bm.Intrinsics(60, 60, 24, 18, [0.01, 0, 0, 0], size=SIZE)
     bm.write(folder / "lens.json", lens)
     (folder / "scene.toml").write_text(SCENE)

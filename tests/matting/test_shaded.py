@@ -63,7 +63,7 @@ def off(truth, solution):
 def test_shaded_plate_separates_shadow_and_object():
     """Exact: alpha, light and the fraction of the exposure in shadow."""
     image, plate = (picture.with_noise(bm.NoiseModel(read_std=1e-4)) for picture in taken(COLORED))
-    solver = bm.Shaded(plate=in_shadow(plate))
+    solver = bm.matting.Shaded(plate=in_shadow(plate))
     solution = bm.solve(image, plate, MODEL, solver, matching=bm.background.Matching.NONE)
     known = solution.known & solution.streak
     assert known.mean() > 0.05
@@ -78,7 +78,7 @@ def test_known_light_separates_shadow_and_object():
     """Exact: a shadow without change of hue, and an object of known, uniform light."""
     flat = replace(GRAY, image=replace(GRAY.image, rgb=_even(GRAY)))
     image, plate = taken(flat)
-    solver = bm.Shaded(light=tuple(LIGHT))
+    solver = bm.matting.Shaded(light=tuple(LIGHT))
     solution = bm.solve(image, plate, None, solver, matching=bm.background.Matching.NONE)
     known = solution.known & solution.streak
     assert np.abs(solution.alpha - GRAY.layer.alpha)[known].max() < 1e-5
@@ -100,7 +100,11 @@ def test_errors_are_honest(case):
     for seed in range(4):
         image, plate = taken(truth, seed)
         shaded = bm.LinearImage(truth.plate.rgb * (1 - STRENGTH), NOISE)
-        solver = bm.Shaded(plate=shaded) if case == "plate" else bm.Shaded(light=tuple(LIGHT))
+        solver = (
+            bm.matting.Shaded(plate=shaded)
+            if case == "plate"
+            else bm.matting.Shaded(light=tuple(LIGHT))
+        )
         solution = bm.solve(image, plate, MODEL, solver, matching=bm.background.Matching.NONE)
         at = solution.known & solution.streak
         z += list((solution.alpha - truth.layer.alpha)[at] / solution.alpha_std[at])
@@ -112,7 +116,11 @@ def test_grade_follows_from_the_error_unless_constant_light_is_assumed(given):
     """Honest: the stated error covers alpha; with the light alone the grade is assumed, and says so."""
     image, plate = taken(COLORED, 5)
     shaded = bm.LinearImage(COLORED.plate.rgb * (1 - STRENGTH), NOISE)
-    solver = bm.Shaded(plate=shaded) if given == "plate" else bm.Shaded(light=tuple(LIGHT))
+    solver = (
+        bm.matting.Shaded(plate=shaded)
+        if given == "plate"
+        else bm.matting.Shaded(light=tuple(LIGHT))
+    )
     solution = bm.solve(image, plate, MODEL, solver, matching=bm.background.Matching.NONE)
     stats, sentence = solution.stats, bm.explain(solution)[0]
     if given == "light":
@@ -130,23 +138,23 @@ def test_plate_in_shadow_needs_the_color():
     with pytest.raises(
         bm.errors.ColorModelError, match=r"give the color of the object \(--color\)"
     ):
-        bm.solve(image, plate, None, bm.Shaded(plate=in_shadow(plate)))
+        bm.solve(image, plate, None, bm.matting.Shaded(plate=in_shadow(plate)))
 
 
 def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="exactly one of both"):
-        bm.Shaded()
+        bm.matting.Shaded()
     with pytest.raises(ValueError, match="three finite numbers"):
-        bm.Shaded(light=(0, 0, 0))
+        bm.matting.Shaded(light=(0, 0, 0))
     with pytest.raises(ValueError, match="max_alpha_std must be positive"):
-        bm.Shaded(light=(1, 1, 1), max_alpha_std=0)
+        bm.matting.Shaded(light=(1, 1, 1), max_alpha_std=0)
     image, plate = taken(COLORED)
     plane = bm.ColorModel.from_hex("#ff8000", "#0080ff")
     with pytest.raises(ValueError, match="needs a model of rank 1, got rank 2"):
-        bm.solve(image, plate, plane, bm.Shaded(plate=plate))
+        bm.solve(image, plate, plane, bm.matting.Shaded(plate=plate))
     small = plate.crop((0, 0, 50, 50))
     with pytest.raises(ValueError, match="50x50"):
-        bm.solve(image, plate, MODEL, bm.Shaded(plate=small))
+        bm.solve(image, plate, MODEL, bm.matting.Shaded(plate=small))
 
 
 def solved(scene, solver):
@@ -180,7 +188,7 @@ def test_plate_in_shadow_is_matched_as_the_plate_is():
     light = np.random.default_rng(0).uniform(0.2, 0.7, (24, 32, 3))
     plate, brighter = bm.LinearImage(light), bm.LinearImage(1.2 * light)
     match = SimpleNamespace(apply=lambda picture: {id(plate): brighter}[id(picture)])
-    assert bm.Shaded(plate=plate).matched(match).plate is brighter
-    lit = bm.Shaded(light=(0.5, 0.4, 0.3))
+    assert bm.matting.Shaded(plate=plate).matched(match).plate is brighter
+    lit = bm.matting.Shaded(light=(0.5, 0.4, 0.3))
     assert lit.matched(match) is lit
     assert not lit.refusal_in_clips

@@ -290,7 +290,7 @@ def test_middle_gray_has_the_published_code(name, code):
 @pytest.mark.parametrize("name", LOG_CURVES)
 def test_log_curves_increase_and_are_inverted_by_encode(name):
     """Exact: each is a curve with an inverse, and white is brighter than paper."""
-    curve = bm.named_transfer(name)
+    curve = bm.radiometry.named_transfer(name)
     assert curve.name == name
     assert curve is log_curve(name)
     light = curve.decode(CODES)
@@ -304,7 +304,7 @@ def test_codes_decode_to_light_above_one():
     """Exact: middle gray of S-Log3 in 16 bits is 0.18, and the top of the range is no measurement."""
     codes = np.full((2, 3, 3), round(420 / 1023 * 65535), np.uint16)
     codes[0, 0] = 65535
-    image = bm.decode(codes, bm.named_transfer("slog3"))
+    image = bm.decode(codes, bm.radiometry.named_transfer("slog3"))
     assert_allclose(image.rgb[1], 0.18, rtol=1e-3)
     assert image.rgb[0, 0, 0] > 38
     assert not image.valid[0, 0]
@@ -315,4 +315,4 @@ def test_missing_extra_raises_with_install_command(monkeypatch):
     log_curve.cache_clear()
     monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)
     with pytest.raises(bm.BlurmatteError, match=r'pip install "blurmatte\[ocio\]"'):
-        bm.named_transfer("vlog")
+        bm.radiometry.named_transfer("vlog")

@@ -71,13 +71,13 @@ def test_search_finds_the_streak_and_not_a_firefly():
 
 def test_firefly_does_not_change_alpha_and_is_flagged():
     image, plate = (bm.LinearImage(light, NOISE) for light in pictures())
-    box = bm.Streak.from_box((15, 15, 65, 45), image.size)
+    box = bm.streaks.Streak.from_box((15, 15, 65, 45), image.size)
     model = bm.ColorModel.from_samples(np.array([[0.72, 0.42, 0.12]]), std=1e-6)
     clean = bm.solve(image, plate, model, bm.Pixelwise(), streak=box)
     light = image.rgb.copy()
     light[30, 40] = 50
     solution = bm.solve(replace(image, rgb=light), plate, model, bm.Pixelwise(), streak=box)
-    assert solution.quality[30, 40] & bm.Quality.SATURATED
+    assert solution.quality[30, 40] & bm.matting.Quality.SATURATED
     others = np.arange(SHAPE[0] * SHAPE[1]).reshape(SHAPE[:2]) != 30 * SHAPE[1] + 40
     assert np.allclose(solution.alpha[others], clean.alpha[others], equal_nan=True)
 

@@ -222,7 +222,7 @@ def first_step(level: ComparedPair) -> tuple[Array, Array, float]:
     """First step of the largest model from the identity: h, light, and the log likelihood gained."""
     rows = list(LIGHTS[-1])
     residuals, slopes = residuals_and_slopes(
-        level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows
+        level, np.zeros(8), IDENTITY_LIGHT.copy(), list(range(8)), rows
     )
     normal, gradient = _equations(residuals, slopes, len(rows), np.True_)
     step = -np.linalg.solve(normal + np.eye(len(normal)) / _PARAMETER_STD**2, gradient)

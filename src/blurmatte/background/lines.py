@@ -28,7 +28,7 @@ _TINY = np.finfo(float).tiny
 _NEAR_PX = 3  # over which the error of the profile is averaged
 
 
-class Profile(NamedTuple):
+class LineProfile(NamedTuple):
     """Light across parallel lines of one direction."""
 
     position: Array  # (h, w) of the pixels, in bins of a pixel
@@ -47,7 +47,7 @@ class Profile(NamedTuple):
 class Lines:
     """All lines through a window of (h, w) pixels."""
 
-    profiles: tuple[Profile, ...]
+    profiles: tuple[LineProfile, ...]
     mean: Array  # (h, w, 3)
 
     @classmethod
@@ -88,7 +88,7 @@ class Lines:
         return drawn
 
 
-class _Seen(NamedTuple):
+class _VisibleCells(NamedTuple):
     """Pixels, or cells, where the scene is seen, about the center of what is hidden."""
 
     x: Array  # (n,)
@@ -97,7 +97,7 @@ class _Seen(NamedTuple):
     reach: int  # no pixel is farther from the center
 
     @classmethod
-    def of(cls, light: Array, seen: Bools, center: Array, cell: int) -> "_Seen":
+    def of(cls, light: Array, seen: Bools, center: Array, cell: int) -> "_VisibleCells":
         count = block_sums(seen.astype(float), cell)
         whole = count > cell**2 / 2
         means = block_sums(light, cell)[whole] / count[whole][:, None]
@@ -161,17 +161,17 @@ def _common_correlation(left: Array, right: Array) -> Iterator[float]:
         yield own[0] * own[1]
 
 
-def _likeliest(light: Array, seen: Bools, hidden: Bools) -> Profile | None:
+def _likeliest(light: Array, seen: Bools, hidden: Bools) -> LineProfile | None:
     """The profile of the direction in which both sides agree best; None if in none they do."""
     center = np.argwhere(hidden).mean(axis=0)
     cell = max(1, -(-max(seen.shape) // _CELLS))
-    cells = _Seen.of(light, seen, center, cell)
+    cells = _VisibleCells.of(light, seen, center, cell)
     step = 0.5 / max(cells.reach, 2)  # both ends of a line stay within one cell
     angles = np.arange(0, np.pi, step)
     best = cells.best(angles)
     while cell > 1:
         cell, step = cell // 2, step / 2
-        cells = _Seen.of(light, seen, center, cell)
+        cells = _VisibleCells.of(light, seen, center, cell)
         best = cells.best({a + k * step for a in best for k in (-1, 0, 1)})
     angle = cells.best([best[0] + k * step / 2 for k in range(-2, 3)])[0]
     return (
@@ -184,7 +184,7 @@ def _filled(across: Array, known: Array, bins: Array) -> Array:
     return np.stack([np.interp(bins, known, column) for column in across.T], axis=-1)
 
 
-def _scatter(cells: _Seen, angle: float, light: Array, both: Bools) -> Array:
+def _scatter(cells: _VisibleCells, angle: float, light: Array, both: Bools) -> Array:
     """(n, 3) variance along each line beyond that of most: an edge is sharper than a bin."""
     at = cells.y * np.cos(angle) - cells.x * np.sin(angle) + cells.reach
     bins = np.arange(len(light))
@@ -200,7 +200,9 @@ def _scatter(cells: _Seen, angle: float, light: Array, both: Bools) -> Array:
     return np.where((variance > by_chance) & both[:, None], variance - most, 0)
 
 
-def _profile(cells: _Seen, angle: float, center: Array, shape: tuple[int, ...]) -> Profile:
+def _profile(
+    cells: _VisibleCells, angle: float, center: Array, shape: tuple[int, ...]
+) -> LineProfile:
     """The profile of lines of one direction, by what both sides show."""
     count, means = cells.across(angle)
     both = _in_both(count)
@@ -221,4 +223,4 @@ def _profile(cells: _Seen, angle: float, center: Array, shape: tuple[int, ...]) 
     variance[~both] += signal
     y, x = np.indices(shape, float) - center[:, None, None]
     position = y * np.cos(angle) - x * np.sin(angle) + cells.reach
-    return Profile(position, light, variance, float(share.sum()))
+    return LineProfile(position, light, variance, float(share.sum()))

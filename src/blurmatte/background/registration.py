@@ -25,7 +25,7 @@ from blurmatte.background.alignment import (
 from blurmatte.background.camera_motion import likely_shifts
 from blurmatte.background.robust_mean_kernel import UNSEEN
 from blurmatte.background.warp import (
-    Grid,
+    PixelGrid,
     Warp,
     composed,
     inverse,
@@ -92,7 +92,7 @@ class CameraPath:
         From the pixels of each frame to those of the reference frame; None if it is not registered.
     reasons : tuple of str
         Why a frame is not; "" if it is.
-    canvas : Grid
+    canvas : PixelGrid
         All that the frames show, in pixels of the reference frame.
     reference : int or None
         Index of that frame; None if a plate was given.
@@ -103,7 +103,7 @@ class CameraPath:
     size: tuple[int, int]
     views: tuple[Warp | None, ...]
     reasons: tuple[str, ...]
-    canvas: Grid
+    canvas: PixelGrid
     reference: int | None = None
     parallax: tuple[ParallaxRegion, ...] = ()
 
@@ -278,7 +278,7 @@ class FramesOnCanvas(Sequence[LinearImage]):
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _CanvasFit:
     """A frame fitted to what the canvas shows there."""
 
     alignment: Alignment
@@ -292,7 +292,7 @@ class _Fit:
         return self.alignment.h
 
 
-def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _Fit:
+def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasFit:
     filled = np.where(seen.valid[..., None], seen.rgb, image.rgb).astype(np.float32)
     pyramid = list(levels(image, LinearImage(filled, valid=seen.valid)))
     fine, start = pyramid[0], pyramid[0].identity
@@ -305,10 +305,10 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _Fit:
     rest = np.abs(fit.residuals * fine.sigma)[inside]
     residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
     C = fine.C[fine.xy[:, 1], fine.xy[:, 0]]
-    return _Fit(fit, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
+    return _CanvasFit(fit, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
 
 
-def _refusal(fit: _Fit, size: tuple[int, int]) -> str:
+def _refusal(fit: _CanvasFit, size: tuple[int, int]) -> str:
     """Why a fit does not register a frame; "" if it does."""
     if fit.overlap < _MIN_OVERLAP:
         return f"it shows only {fit.overlap:.0%} of what the frames before show"
@@ -348,12 +348,12 @@ def _registered_to(plate: LinearImage, frames: Sequence[LinearImage], cell: int)
     size = frames[0].size
     x, y = (-((P - w) // 2 // cell) * cell for P, w in zip(plate.size, size, strict=True))
     small, first = _cells(plate, cell), _cells(frames[0], cell)
-    grid = Grid(small.size, (x // cell, y // cell))
+    grid = PixelGrid(small.size, (x // cell, y // cell))
     mosaic = _Mosaic.of_plate(small, grid, first)
     found = [mosaic.add(_cells(frame, cell)) for frame in frames]
     views = tuple(Warp(one.h, size) if isinstance(one, Warp) else None for one in found)
     reasons = tuple(one if isinstance(one, str) else "" for one in found)
-    return CameraPath(size, views, reasons, Grid(plate.size, (x, y)))
+    return CameraPath(size, views, reasons, PixelGrid(plate.size, (x, y)))
 
 
 def show_one_scene(a: LinearImage, b: LinearImage) -> bool:
@@ -367,7 +367,7 @@ def _count(found: Sequence[Warp | str]) -> int:
     return sum(isinstance(one, Warp) for one in found)
 
 
-def _canvas_of(views: Iterable[Warp | None], size: tuple[int, int], cell: int) -> Grid:
+def _canvas_of(views: Iterable[Warp | None], size: tuple[int, int], cell: int) -> PixelGrid:
     """The pixels that all views show."""
     width, height = size
     edge = np.linspace(0, 1, 9)  # a lens bends the border
@@ -378,7 +378,7 @@ def _canvas_of(views: Iterable[Warp | None], size: tuple[int, int], cell: int) -
     last = np.ceil(points.max(axis=0) / cell).astype(int) * cell
     x, y = first.tolist()
     w, h = (last - first + cell).tolist()
-    return Grid((int(w), int(h)), (int(x), int(y)))
+    return PixelGrid((int(w), int(h)), (int(x), int(y)))
 
 
 def _chained(frames: Sequence[LinearImage], first: int, cell: int, lens: float) -> list[Warp | str]:
@@ -407,7 +407,7 @@ class _Mosaic:
 
     rgb: Floats
     seen: Bools
-    grid: Grid
+    grid: PixelGrid
     size: tuple[int, int]
     lens: float
     view: Warp  # of the last frame that was registered, and its gray picture
@@ -420,10 +420,10 @@ class _Mosaic:
         """Of one frame."""
         gray, view = frame.rgb.mean(axis=-1), Warp(np.zeros(8), frame.size, lens)
         rgb, valid = frame.rgb.astype(np.float32), frame.valid.copy()
-        return cls(rgb, valid, Grid(frame.size), frame.size, lens, view, gray, gray)
+        return cls(rgb, valid, PixelGrid(frame.size), frame.size, lens, view, gray, gray)
 
     @classmethod
-    def of_plate(cls, plate: LinearImage, grid: Grid, frame: LinearImage) -> _Mosaic:
+    def of_plate(cls, plate: LinearImage, grid: PixelGrid, frame: LinearImage) -> _Mosaic:
         """Of a plate, which stays as it is, for frames like this one."""
         view = Warp(np.zeros(8), frame.size)
         gray = seen_through(replace(view, source=grid), plate).rgb.mean(axis=-1)
@@ -453,7 +453,7 @@ class _Mosaic:
                 break
         return why if best is None else self._with(frame, gray, *best)
 
-    def _with(self, frame: LinearImage, gray: Floats, start: Warp, fit: _Fit) -> Warp | str:
+    def _with(self, frame: LinearImage, gray: Floats, start: Warp, fit: _CanvasFit) -> Warp | str:
         """The view of a frame that was fitted, and is added; or why it cannot be."""
         view = replace(start, h=composed(fit.h, start.h))
         if self.lens:  # the fit knows no lens
@@ -489,7 +489,7 @@ class _Mosaic:
         (X0, Y0), (X1, Y1) = corners[1]
         around = (Y0 - y0, y1 - Y1), (X0 - x0, x1 - X1)
         self.rgb, self.seen = np.pad(self.rgb, (*around, (0, 0))), np.pad(self.seen, around)
-        self.grid = Grid((int(x1 - x0), int(y1 - y0)), (int(x0), int(y0)))
+        self.grid = PixelGrid((int(x1 - x0), int(y1 - y0)), (int(x0), int(y0)))
         how = replace(view.inverse, target=self.grid)
         new = warped_mask(frame.valid, how) & ~self.seen
         light = warped((frame.rgb / np.maximum(gain, 1e-3)).astype(np.float32), how)

@@ -17,14 +17,13 @@ from blurmatte.calibration import fit_noise
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import (
-    CodedFrame,
     CodingError,
     LinearImage,
     NoiseModel,
     check_picture,
     rounding_noise,
 )
-from blurmatte.radiometry.coded import CodedSequence, RgbCodes
+from blurmatte.radiometry.coded import CodedFrame, CodedSequence, RgbCodes
 from blurmatte.statistics import MAD_TO_STD
 
 # Number of samples, estimation of noise and gain, and rejection of clips.

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import Floats32
-from blurmatte.radiometry import CodedFrame
+from blurmatte.radiometry.coded import CodedFrame
 
 Thumbnail = Floats32
 

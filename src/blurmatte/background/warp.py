@@ -24,13 +24,14 @@ from blurmatte.compiling import njit
 
 SPLINE_ORDER = 3  # of the interpolation
 _LENS_STEPS = 4  # of Newton's method
+_PART_PIXELS = 2e4  # that a thread warps at once, at least; fewer take less time than the threads
 _BORDER_PX = 12  # beyond which the border has no influence on a spline, relative to 1e-7
 IDENTITY_LIGHT = np.eye(7, 1).repeat(3, axis=1)  # (7, 3): gain 1, no offset, no field
 IDENTITY_LIGHT.setflags(write=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class PixelGrid:
     """Pixels of a picture, in those of the picture to whose center its coordinates refer.
 
     Parameters
@@ -57,15 +58,15 @@ class Warp:
         (width, height) of the picture in whose centered coordinates it is.
     lens : float
         k.
-    target, source : Grid, optional
+    target, source : PixelGrid, optional
         Of the result, and of the picture that is interpolated; both as large as `size` if not given.
     """
 
     h: Array
     size: tuple[int, int]
     lens: float = 0.0
-    target: Grid | None = None
-    source: Grid | None = None
+    target: PixelGrid | None = None
+    source: PixelGrid | None = None
 
     def points(self, xy: Array) -> Array:
         """Positions (n, 2) of points xy (n, 2), pixels."""
@@ -174,12 +175,13 @@ def _between(nodes: Floats, pad: int, taps: int, how: Array | Warp, dtype: np.dt
     """Values between nodes under a homography; see `warp`."""
     size = nodes.shape[1] - 2 * pad, nodes.shape[0] - 2 * pad
     whole = how if isinstance(how, Warp) else Warp(how, size)
-    target, source = (grid or Grid(whole.size) for grid in (whole.target, whole.source))
+    target, source = (grid or PixelGrid(whole.size) for grid in (whole.target, whole.source))
     width, height = target.size
     out = np.empty((height, width, nodes.shape[2]), dtype)
     match = homography(whole.h), to_centered(whole.size), float(whole.lens)
     origins = np.array([*target.origin, *source.origin], float)
-    edges = np.linspace(0, height, min(height, 64) + 1).astype(int)
+    parts = int(np.clip(height * width / _PART_PIXELS, 1, min(height, 64)))
+    edges = np.linspace(0, height, parts + 1).astype(int)
 
     def fill(first: int, end: int) -> None:
         """Fill some rows."""

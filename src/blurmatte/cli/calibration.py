@@ -101,7 +101,7 @@ def _measured(
         reading = replace(reading, transfer=first.meta.transfer.name)
     inside = None
     if region is not None:
-        inside = bm.Streak.from_box(box("--region", region), first.size).mask
+        inside = bm.streaks.Streak.from_box(box("--region", region), first.size).mask
     if plate is not None:
         return bm.calibration.measure_noise_against(first, reading.read(plate), inside)
     if len(paths) > 1:

@@ -29,8 +29,8 @@ from blurmatte.cli.output_checks import check_folder
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
     GUESSED,
-    ColorOptions,
     FrameSelection,
+    ObjectColor,
     Selection,
     matching_of,
 )
@@ -143,7 +143,7 @@ def solve_clip(
     colors, reading, given = selection.colors, selection.reading, plate.of_clip
     with about(Path(images[0])):
         frames = reading.frames(images, options.frames)
-        run = bm.ClipRun(
+        run = bm.clips.ClipRun(
             given_files(images, given, occluder, *(colors.color or ())),
             frames,
             None if given is None else reading.read(given),
@@ -183,7 +183,7 @@ def _extension(out: Path, options: ClipOptions) -> str:
     return ".exr" if options.layers in (None, "solution") else f".{options.layers}"
 
 
-def _model(colors: ColorOptions) -> bm.ColorModel | None:
+def _model(colors: ObjectColor) -> bm.ColorModel | None:
     """The color model of the options; None: it is to be found in the frames."""
     if colors.kinds & {"point", "core"}:
         raise ValueError("of a clip give --color as hex or a model file; or leave it out")
@@ -195,13 +195,13 @@ def _model(colors: ColorOptions) -> bm.ColorModel | None:
 
 
 @contextmanager
-def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.Workers]:
+def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.motion.Workers]:
     if options.scheduler is not None:
         with bm.clips.cluster_workers(options.scheduler, folder) as workers:
             yield workers
         return
     processes = options.workers or min(os.cpu_count() or 1, max(count // 8, 1))
-    with bm.Workers(processes) as workers:
+    with bm.motion.Workers(processes) as workers:
         yield workers
 
 

@@ -56,7 +56,7 @@ class Tracking:
         with (
             self._recorded(files, settings) as (old, record),
             about(self.source),
-            bm.Workers(max(min(count, len(frames)), 1)) as workers,
+            bm.motion.Workers(max(min(count, len(frames)), 1)) as workers,
             waiting("reading the clip"),
         ):
             frames = frames.for_plate(self.clip.plate)

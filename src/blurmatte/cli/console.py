@@ -114,7 +114,7 @@ def printing(verbosity: Verbosity) -> Iterator[None]:
 
     def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
         """A warning in one line if it is blurmatte's."""
-        if issubclass(category, bm.BlurmatteWarning):
+        if issubclass(category, bm.errors.BlurmatteWarning):
             warn(str(message))  # not about a file, else `about` had shown it
         else:
             usual(message, category, *place)
@@ -295,7 +295,7 @@ def about(path: Path) -> Iterator[list[str]]:
 
         def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
             """Print a warning of blurmatte once, with the file's name."""
-            if not issubclass(category, bm.BlurmatteWarning):
+            if not issubclass(category, bm.errors.BlurmatteWarning):
                 usual(message, category, *place)
                 return
             named = issubclass(category, bm.errors.TransferWarning) or str(message).startswith(
@@ -307,11 +307,11 @@ def about(path: Path) -> Iterator[list[str]]:
                 if not (issubclass(category, bm.errors.TransferWarning) and _was_said(line)):
                     warn(line)
 
-        warnings.simplefilter("always", bm.BlurmatteWarning)
+        warnings.simplefilter("always", bm.errors.BlurmatteWarning)
         warnings.showwarning = show  # type: ignore[assignment]
         try:
             yield said
-        except (bm.FileError, NamedError):
+        except (bm.errors.FileError, NamedError):
             raise
         except MemoryError as error:
             raise NamedError(f"{path}: too large for the memory; reduce it") from error

@@ -122,7 +122,7 @@ def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
         return bm.read_solution(path, max_pixels)
     except DocumentError:  # it is one, and damaged
         raise
-    except bm.FileError:  # reading it as a picture says what is wrong
+    except bm.errors.FileError:  # reading it as a picture says what is wrong
         return None
 
 
@@ -134,7 +134,7 @@ def _layer(path: Path, reading: Reading) -> bm.Layer | None:
                 "ignore", bm.errors.TransferWarning
             )  # reading the picture said it
             layer = bm.read_layer(path, reading.curve_of(path), reading.max_pixels)
-    except bm.FileError:
+    except bm.errors.FileError:
         return None
     return layer if layer.alpha.min() < 1 else None
 
@@ -231,7 +231,7 @@ def _of_clip(path: Path, reading: Reading) -> Description:
     frames = bm.read_frames(path, reading.curve, reading.max_pixels)
     clip, times = frames.clip, frames.times
     if clip is None:
-        raise bm.FileError(f"{path}: give a clip; it is a picture")
+        raise bm.errors.FileError(f"{path}: give a clip; it is a picture")
     steps = np.diff(times or ())
     uneven = len(steps) > 0 and float(np.ptp(steps)) > _MAX_UNEVEN * float(np.median(steps))
     start, last = (None, None) if times is None else (times[0], times[-1])

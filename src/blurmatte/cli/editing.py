@@ -100,22 +100,10 @@ def edit(
     wanted = [change_of(name, text) for name, text in asked]
     if is_row(Path(layer)) or (own.image is not None and is_row(own.image)):
         _check_one_layer(layer, looks)
-        if own.image is None:
-            edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
-            return
-        check_photographed(own.plate, _NOT_OF_A_ROW)
-        plate = None if own.plate is None else reading.read(own.plate)
-
-        def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
-            """The picture with the changed layer."""
-            behind = _matched(own.plate, own.match, [picture, *filter(None, [plate])])
-            return bm.retouch(picture, one, _changed_if_any(one, wanted), behind)
-
-        retouch_row(reading, layer, own.image, out, retouched, row)
+        _edit_row(layer, wanted, own, row, reading, out)
         return
     if own.image is None and looks.preview is not None:
         raise ValueError("--preview needs a background: --image, or compose --over")
-    names = ", ".join(f"{name[2:]} {text}" for name, text in asked)
     with waiting("editing"):
         if own.image is None:
             before = _layer(layer, reading)
@@ -125,24 +113,54 @@ def edit(
                 bm.write(out, done.after)
             say(str(out))
         else:
-            pictures = [own.image, *filter(None, [_photographed(own.plate)])]
-            source = Path(layer)
-            reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
-            before, read = _read(reading, reader, source, pictures)
-            with about(source):
-                after = changed(before, wanted)
-            matched: bm.LinearImage | None
-            if own.plate == GUESSED:
-                with about(source):
-                    _, streak = layer_and_streak(source, reading)
-                    matched = guess_behind(read[0], streak).plates[0]
-            else:
-                matched = _matched(own.plate, own.match, read)
-            with about(Path(layer)):
-                result, touched = bm.retouch(read[0], before, after, matched)
-            done = _Edit(before, after, read[0], result, matched)
+            done, touched = _edit_picture(layer, wanted, own.image, own, reading)
             _write_in_place(out, own.image, done, touched, reading)
-        _write_looks(looks, done, names)
+        _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
+
+
+def _edit_row(
+    layer: str,
+    wanted: Sequence[Change],
+    own: OriginalPicture,
+    row: RowOptions,
+    reading: Reading,
+    out: Path,
+) -> None:
+    """Write the changed layers of a row, or their pictures."""
+    if own.image is None:
+        edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
+        return
+    check_photographed(own.plate, _NOT_OF_A_ROW)
+    plate = None if own.plate is None else reading.read(own.plate)
+
+    def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
+        """The picture with the changed layer."""
+        behind = _matched(own.plate, own.match, [picture, *filter(None, [plate])])
+        return bm.retouch(picture, one, _changed_if_any(one, wanted), behind)
+
+    retouch_row(reading, layer, own.image, out, retouched, row)
+
+
+def _edit_picture(
+    layer: str, wanted: Sequence[Change], image: Path, own: OriginalPicture, reading: Reading
+) -> tuple[_Edit, Any]:
+    """The picture with its changed layer, and the mask of its changed pixels."""
+    source = Path(layer)
+    pictures = [image, *filter(None, [_photographed(own.plate)])]
+    reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
+    before, read = _read(reading, reader, source, pictures)
+    with about(source):
+        after = changed(before, wanted)
+    matched: bm.LinearImage | None
+    if own.plate == GUESSED:
+        with about(source):
+            _, streak = layer_and_streak(source, reading)
+            matched = guess_behind(read[0], streak).plates[0]
+    else:
+        matched = _matched(own.plate, own.match, read)
+    with about(source):
+        result, touched = bm.retouch(read[0], before, after, matched)
+    return _Edit(before, after, read[0], result, matched), touched
 
 
 @command(

@@ -47,7 +47,7 @@ def stack(
         source = layers[0] if len(layers) == 1 else layers
         row = bm.read_layers(source, max_pixels=reading.max_pixels)
         watched = with_progress(row, "stacking")
-        whole = bm.compositing.long_exposure(watched) if long else bm.stack(watched)
+        whole = bm.compositing.long_exposure(watched) if long else bm.compositing.stack(watched)
     result: bm.Layer | bm.LinearImage = whole
     if over is not None:
         picture = reading.read(over)

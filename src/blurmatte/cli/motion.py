@@ -215,7 +215,7 @@ def _time(text: str | None) -> tuple[float | None, float]:
     return (None, 0.0) if text is None else time_of_exposure("--exposure", text)
 
 
-def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.Motion]:
+def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.motion.Motion]:
     """The solution and its motion; a folder of results holds one."""
     inside = layer / "layer.exr"
     path = inside if inside.is_file() else layer
@@ -226,7 +226,7 @@ def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.Motion]:
 
 def _answer(
     solution: bm.Solution,
-    motion: bm.Motion,
+    motion: bm.motion.Motion,
     found: Sequence[Any],
     out: Path | None,
     as_json: bool,
@@ -243,7 +243,7 @@ def _answer(
     answer(as_json, numbers, [words[0], motion, *words[1:]] if graded else [motion, *words])
 
 
-def _over_time(motion: bm.Motion) -> dict[str, Any]:
+def _over_time(motion: bm.motion.Motion) -> dict[str, Any]:
     """Place at each exposure fraction, and speed between them."""
     path = motion.trajectory
     return {
@@ -274,7 +274,7 @@ def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.motion.Plane
     return bm.motion.Plane.from_points(pixels, places, lens)
 
 
-def _sweep(solution: bm.Solution, name: str) -> bm.Sweep:
+def _sweep(solution: bm.Solution, name: str) -> bm.sweep.Sweep:
     if solution.sweep is None:
         raise bm.errors.MotionError(f"no shape on a path explains the streak; {name} needs one")
     return solution.sweep

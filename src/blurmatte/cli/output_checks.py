@@ -30,10 +30,12 @@ def check_file(path: Path | None, what: str, *endings: str) -> None:
         return
     check_ending(path, what, *endings)
     if path.is_dir():
-        raise bm.FileError(f"{path}: is a folder; give the name of a file")
+        raise bm.errors.FileError(f"{path}: is a folder; give the name of a file")
     check_replaceable(path)
     if not path.parent.is_dir():
-        raise bm.FileError(f"{path}: there is no folder {path.parent}; make it, or check the name")
+        raise bm.errors.FileError(
+            f"{path}: there is no folder {path.parent}; make it, or check the name"
+        )
     _check_writable(path, path.parent)
 
 
@@ -52,7 +54,7 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
 
     ending = extension_of(path)
     if ending not in endings:
-        raise bm.FileError(
+        raise bm.errors.FileError(
             f"{path}: {what} is written as {' or '.join(endings)}; change the ending"
         )
     if ending in (MOV.extensions[0], MP4.extensions[0]):  # an extra writes them
@@ -64,10 +66,12 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
 def check_folder(path: Path) -> None:
     """Raise FileError if a folder is named like a file, or it or one above it is one or read-only."""
     if path.suffix.lower() in _FILES and not path.exists():
-        raise bm.FileError(f"{path}: give a folder, whose name does not end with {path.suffix}")
+        raise bm.errors.FileError(
+            f"{path}: give a folder, whose name does not end with {path.suffix}"
+        )
     there = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not there.is_dir():
-        raise bm.FileError(f"{path}: {there.name} is a file; give the name of a folder")
+        raise bm.errors.FileError(f"{path}: {there.name} is a file; give the name of a folder")
     _check_writable(path, there)
 
 
@@ -102,11 +106,11 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
         for key in _identities(path):
             if key in taken:
                 named = "it" if taken[key] == path else str(taken[key])
-                raise bm.FileError(
+                raise bm.errors.FileError(
                     f"{path}: would be replaced, and {named} is read; choose another --out"
                 )
             if key in written:
-                raise bm.FileError(f"{path}: would be written twice; choose another name")
+                raise bm.errors.FileError(f"{path}: would be written twice; choose another name")
         written |= dict.fromkeys(_identities(path), path)
 
 
@@ -150,4 +154,6 @@ def _is_file(path: Path) -> bool:
 
 def _check_writable(path: Path, folder: Path) -> None:
     if not os.access(folder, os.W_OK):
-        raise bm.FileError(f"{path}: nothing can be written into {folder}; choose another folder")
+        raise bm.errors.FileError(
+            f"{path}: nothing can be written into {folder}; choose another folder"
+        )

@@ -95,7 +95,7 @@ def solve_row(
     with row.opened() as manifest:
         done = row.done(manifest)
         rest = [pair for pair in row.pairs if pair[0] not in done]
-        with bm.Workers(_processes(workers, len(rest))) as processes:
+        with bm.motion.Workers(_processes(workers, len(rest))) as processes:
             solved = processes.in_order(work, rest)
             for path, folder in with_progress(row.pairs, "solving"):
                 one = PrintedAnswer([], done[path]) if path in done else next(solved)

@@ -246,7 +246,7 @@ class ScaleOptions(BallSize):
         x0, y0, x1, y1 = numbers("--scale", place, "x0,y0,x1,y1=length")
         return bm.Scale.from_points((x0, y0), (x1, y1), *length("--scale", distance))
 
-    def of_motion(self, motion: bm.Motion) -> bm.Scale | None:
+    def of_motion(self, motion: bm.motion.Motion) -> bm.Scale | None:
         """Meters per pixel of what moved like that."""
         size = self.true_radius
         return self.constant if size is None else bm.Scale.from_radius(motion, *size)
@@ -268,6 +268,6 @@ def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
             'wrong; calibrate with such, and say "size": [{}, {}] in its file'.format(
                 *axis, x, y, *size, *size
             ),
-            bm.BlurmatteWarning,
+            bm.errors.BlurmatteWarning,
             stacklevel=2,
         )

@@ -74,7 +74,7 @@ def layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Bools]:
     """
     try:
         solution = bm.read_solution(path, reading.max_pixels)
-    except bm.FileError:  # no solution: a layer, or reading it as one says what is wrong
+    except bm.errors.FileError:  # no solution: a layer, or reading it as one says what is wrong
         layer = bm.read_layer(path, max_pixels=reading.max_pixels)
         return layer, layer.alpha > 0
     return solution.layer, solution.streak

@@ -31,7 +31,7 @@ def pictures_of(texts: Iterable[str]) -> list[Path]:
     """The pictures that patterns and folders hold now, if any."""
     found: list[Path] = []
     for text in texts:
-        with suppress(bm.FileError):  # reading them says so
+        with suppress(bm.errors.FileError):  # reading them says so
             found += _expanded(text)
     return found
 
@@ -51,7 +51,7 @@ def _expanded(text: str) -> list[Path]:
         numbered = re.sub(r"#+|%\d*d", "[0-9]*", path.name)
         found = [Path(name) for name in glob(str(path.parent / numbered), recursive=True)]
     if not found:
-        raise bm.FileError(f"{text}: there are no such files; check the name or the pattern")
+        raise bm.errors.FileError(f"{text}: there are no such files; check the name or the pattern")
     return sorted(found, key=lambda p: [(int(n or 0), t) for n, t in _PARTS.findall(str(p))])
 
 

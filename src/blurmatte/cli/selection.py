@@ -50,15 +50,15 @@ class Reading:
         return None
 
     @property
-    def curve(self) -> bm.Transfer | None:
+    def curve(self) -> bm.radiometry.Transfer | None:
         """The transfer curve that was asked for; None: what the file says."""
         if self.transfer is None:
             return None
         if self.transfer.lower().endswith(".json"):
             return bm.read_transfer(self.transfer)
-        return bm.named_transfer(self.transfer)
+        return bm.radiometry.named_transfer(self.transfer)
 
-    def curve_of(self, path: Path | str) -> bm.Transfer | None:
+    def curve_of(self, path: Path | str) -> bm.radiometry.Transfer | None:
         """The curve of one file; an EXR holds linear light whatever was asked for."""
         return None if format_at(path) is EXR else self.curve
 
@@ -78,7 +78,7 @@ class Reading:
         source = clip[0] if len(clip) == 1 else clip
         form = format_at(source) if isinstance(source, str) and Path(source).is_file() else None
         if form is not None and form.one_picture:
-            raise bm.FileError(
+            raise bm.errors.FileError(
                 f"{source}: give a clip, or several pictures; it is one picture ({form})"
             )
         return chosen_frames(bm.read_frames(source, self.curve, self.max_pixels), chosen)
@@ -151,7 +151,7 @@ def guess_behind(image: bm.LinearImage, streak: Any, grow: int = 0) -> bm.backgr
     warnings.warn(
         "what is behind the object is a guess from its surroundings, "
         f"within {guess.error:.2g} of white",
-        bm.BlurmatteWarning,
+        bm.errors.BlurmatteWarning,
         stacklevel=2,
     )
     return guess
@@ -164,8 +164,8 @@ def check_photographed(plate: Path | None, remedy: str) -> None:
 
 
 @dataclass(frozen=True)
-class ColorOptions:
-    """What the options say of the object's color.
+class ObjectColor:
+    """The color of the object as the options give it.
 
     Raises ValueError if they contradict each other, whatever the pictures show.
     """
@@ -228,14 +228,14 @@ class Selection:
     """Where the object is in the pictures, and which color it has."""
 
     reading: Reading
-    colors: ColorOptions
+    colors: ObjectColor
     region: str | None
 
     def __post_init__(self) -> None:
         if self.region is not None and not is_mask(self.region):
             box("--region", self.region)
 
-    def streak(self, image: bm.LinearImage, plate: bm.LinearImage) -> bm.Streak | None:
+    def streak(self, image: bm.LinearImage, plate: bm.LinearImage) -> bm.streaks.Streak | None:
         """The pixels to solve; None: wherever something moved."""
         within = self.inside(image.size)
         if within is None or is_mask(self.region or ""):
@@ -244,24 +244,24 @@ class Selection:
         if found is within:
             warnings.warn(
                 f"no motion is found in --region {self.region}; all of it is taken for the streak",
-                bm.BlurmatteWarning,
+                bm.errors.BlurmatteWarning,
                 stacklevel=2,
             )
         return found
 
-    def inside(self, size: tuple[int, int]) -> bm.Streak | None:
+    def inside(self, size: tuple[int, int]) -> bm.streaks.Streak | None:
         """The box or the mask of the region in pictures of this size; None without a region."""
         if self.region is None:
             return None
         if not is_mask(self.region):
-            return bm.Streak.from_box(box("--region", self.region), size)
+            return bm.streaks.Streak.from_box(box("--region", self.region), size)
         inside = self.reading.mask("mask", Path(self.region), size)
         if not inside.any():
             raise ValueError(
                 f"the mask {self.region} has no white pixel, or no opaque one if it has alpha; "
                 "mark where the object moved"
             )
-        return bm.Streak(inside)
+        return bm.streaks.Streak(inside)
 
     def hidden(self, path: Path, size: tuple[int, int]) -> Any:
         """(H, W) bool: where something still is in front."""
@@ -271,7 +271,7 @@ class Selection:
         return white
 
     def model(
-        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.streaks.Streak | None
     ) -> bm.ColorModel | None:
         """The color model of the options; None: it is to be found from the streak."""
         colors, kinds, rank = self.colors.color or [], self.colors.kinds, self.colors.rank
@@ -301,7 +301,11 @@ class Selection:
         return model
 
     def _samples(
-        self, color: str, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+        self,
+        color: str,
+        image: bm.LinearImage,
+        plate: bm.LinearImage,
+        streak: bm.streaks.Streak | None,
     ) -> Any:
         from blurmatte.radiometry import check_same_colors
 
@@ -309,10 +313,10 @@ class Selection:
             return bm.color.core_colors(image, plate, streak)
         x, y, *radius = numbers("--color", color, "x,y", "x,y,radius")
         if self.colors.color_from is None:
-            return bm.pick_colors(image, x, y, *radius)
+            return bm.color.pick_colors(image, x, y, *radius)
         sharp = self.reading.read(self.colors.color_from)
         check_same_colors("the image", image, "the picture of --color-from", sharp)
-        return bm.pick_colors(sharp, x, y, *radius)
+        return bm.color.pick_colors(sharp, x, y, *radius)
 
 
 def kind_of_color(color: str) -> str:
@@ -349,7 +353,7 @@ def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Fra
     if "s" in (text or "") and first * (frames.rate or 0) > 1:
         warnings.warn(
             f"its first frame is at {first:.4g} s; the seconds of --frames are those of the file",
-            bm.BlurmatteWarning,
+            bm.errors.BlurmatteWarning,
             stacklevel=2,
         )
     return chosen

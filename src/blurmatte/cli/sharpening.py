@@ -135,7 +135,7 @@ def _sharpened(
     reading: Reading,
     sheet: Path | None,
     spin: str,
-) -> Iterator[tuple[list[str], bm.Sharp]]:
+) -> Iterator[tuple[list[str], bm.deblurring.Sharp]]:
     """Grade and sharp object of each layer; only one of them is in memory at a time."""
     for file in files:
         with about(file):
@@ -189,7 +189,7 @@ def _text_of(spin: dict[str, Any]) -> str:
 
 def _write(
     out: Path,
-    sharps: Iterator[tuple[list[str], bm.Sharp]],
+    sharps: Iterator[tuple[list[str], bm.deblurring.Sharp]],
     frames: int,
     plate: bm.LinearImage | None,
     rate: float,

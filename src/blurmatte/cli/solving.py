@@ -36,7 +36,7 @@ from blurmatte.cli.output_checks import check_file, check_folder
 from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
-    ColorOptions,
+    ObjectColor,
     Occluder,
     OutFolder,
     PlateOptions,
@@ -106,7 +106,7 @@ def solve(
     images: Annotated[list[str], argument("IMAGE", f"Pictures: {ROWS}. A clip.")],
     plate: MaybePlate,
     out: OutFolder,
-    colors: ColorOptions,
+    colors: ObjectColor,
     reading: CameraReading,
     clip: ClipOptions,
     how: SolvingOptions,
@@ -237,7 +237,7 @@ def _parallax(
 def color(
     image: Annotated[str, argument("IMAGE", "The picture with the streak.")],
     plate: PlateOptions,
-    colors: ColorOptions,
+    colors: ObjectColor,
     reading: CameraReading,
     region: Region = None,
     out: Annotated[Path | None, output("Write the color model: .json.")] = None,
@@ -296,7 +296,7 @@ def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReadi
     return reading if fit.best is fit.curves[0] else replace(reading, transfer=fit.best.name)
 
 
-def _solver(text: str, colors: ColorOptions) -> bm.matting.Solver | None:
+def _solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:
     """The solver of NAME or NAME:VALUE; None for all hypotheses, or if it needs pictures."""
     name, colon, value = text.partition(":")
     if name not in ("smooth", "shaded") and colon:
@@ -331,7 +331,7 @@ def _limited(method: bm.matting.Solver | None, how: SolvingOptions) -> bm.mattin
     return name(seconds=how.seconds)
 
 
-def _clip_solver(text: str, colors: ColorOptions) -> bm.matting.Solver | None:
+def _clip_solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:
     """The solver of a clip, which has no plate in shadow."""
     method = _solver(text, colors)
     if text.partition(":")[0] != "shaded":
@@ -361,28 +361,28 @@ _SHADED = (
 
 
 def _shaded(
-    reading: CameraReading, solver: str, colors: ColorOptions, plates: list[bm.LinearImage]
-) -> bm.Shaded:
+    reading: CameraReading, solver: str, colors: ObjectColor, plates: list[bm.LinearImage]
+) -> bm.matting.Shaded:
     """The solver with a known plate in shadow, or a known light of the object."""
     plate, *more = plates
     if more:
         raise ValueError(f"--solver shaded needs one --plate, got {len(plates)}")
     path = solver.partition(":")[2]
     if path:
-        return bm.Shaded(plate=reading.read(Path(path)))
+        return bm.matting.Shaded(plate=reading.read(Path(path)))
     (text,) = colors.color or ("",)
     if kind_of_color(text) != "hex" or plate.meta.to_srgb is not None:
         raise ValueError(_SHADED)
     return _of_light(text)
 
 
-def _of_light(text: str) -> bm.Shaded:
+def _of_light(text: str) -> bm.matting.Shaded:
     """The solver with the object's light, a hex color."""
     from blurmatte.radiometry import light_of_hex
 
     bm.ColorModel.from_hex(text)  # refuses what is no color
     ((r, g, b),) = light_of_hex(text).tolist()
-    return bm.Shaded(light=(r, g, b))
+    return bm.matting.Shaded(light=(r, g, b))
 
 
 def _required(name: str | None) -> bm.Grade | None:
@@ -394,7 +394,7 @@ def _required(name: str | None) -> bm.Grade | None:
 
 @contextmanager
 def _naming_streaks(
-    streak: bm.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
+    streak: bm.streaks.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
 ) -> Iterator[None]:
     """Add the streaks that were found to an error, unless a region was given."""
     try:
@@ -438,7 +438,7 @@ def _curve_doubts(
         silhouette = sweep.silhouette
         if silhouette.is_disc and not silhouette.has("rates"):
             return []
-    fit = bm.sweep.fit_transfer(image, plate, bm.Streak(solution.streak))
+    fit = bm.sweep.fit_transfer(image, plate, bm.streaks.Streak(solution.streak))
     if fit.best is fit.curves[0]:
         return []
     return [

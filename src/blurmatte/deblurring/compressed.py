@@ -122,7 +122,7 @@ def compressed_color(
     strengths: Array,
 ) -> DecodedColor:
     """The color from the posterior under independent noise and a Gaussian prior."""
-    solver = _Solver(state, equations, differences, smooth)
+    solver = _QuadraticFit(state, equations, differences, smooth)
     solver.step(differences.weights(strengths))
     for _ in range(_ROUNDS[0]):
         solver.step(differences.weights(strengths))
@@ -146,7 +146,7 @@ def compressed_color(
     return DecodedColor(solver.color, ratio * scaled, solver.misfit)
 
 
-class _Solver:
+class _QuadraticFit:
     """The color under quadratic priors, and samples of its posterior."""
 
     def __init__(

@@ -264,7 +264,7 @@ def _checked_view(
     """The view of one picture; TypeError or ValueError for arguments that do not belong together."""
     check_picture("image", image)
     check_picture("plate", plate)
-    check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
     check_same_size("the sweep", sweep.size, "the image", image.size)
     check_same_size("the plate", plate.size, "the image", image.size)
     pair = with_noise(image, plate)
@@ -276,7 +276,7 @@ def _checked_view(
 def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
     """The sweep of one ball with the path of its spin, if that was refined; ValueError for others."""
     check_kind("spin", spin, Spin, "use blurmatte.deblurring.fit_spin(image, plate, sweep)")
-    check_kind("sweep", sweeps[0], Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("sweep", sweeps[0], Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
     if len(sweeps) > 1 or not sweeps[0].silhouette.is_disc:
         raise ValueError("a spin is that of one ball in one picture")
     return spin.sweep or sweeps[0]

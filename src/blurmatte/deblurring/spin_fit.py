@@ -85,7 +85,7 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     """
     check_picture("image", image)
     check_picture("plate", plate)
-    check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
     check_same_size("the sweep", sweep.size, "the image", image.size)
     check_same_size("the plate", plate.size, "the image", image.size)
     _check_ball(sweep)

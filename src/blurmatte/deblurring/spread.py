@@ -197,7 +197,7 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
     TypeError, ValueError
         If an argument is something else, sizes differ, or there are fewer than 4 parts.
     """
-    check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
     check_map("alpha", alpha, sweep.size[::-1])
     check_map("alpha_std", alpha_std, sweep.size[::-1])
     if parts < 4:

@@ -246,7 +246,7 @@ def _warn_of_lost(
 def _warn_of_order(path: Path, stamps: npt.NDArray[np.int64], stacklevel: int) -> None:
     """Warn of time stamps that go back or repeat."""
     steps = np.diff(stamps)
-    joined = "each goes on from the frame before; cut the clip there if it was joined"
+    joined = "each continues from the frame before; cut the clip there if it was joined"
     kinds = (
         (steps < 0, "go back", joined),
         (steps == 0, "repeat", "those frames are placed between their neighbors"),

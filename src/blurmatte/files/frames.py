@@ -331,7 +331,9 @@ def _frames(
     read_one: Callable[[Path, Transfer | None, int], Frame],
     decode: Callable[[Clip, range], Iterator[Frame]],
 ) -> Frames[Frame]:
-    check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
+    check_kind(
+        "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
+    )
     if len(paths) == 1 and is_clip(paths[0]):
         clip = open_clip(paths[0], transfer, max_pixels, stacklevel=3)
         if decode is decode_layers and not clip.alpha:

@@ -66,7 +66,9 @@ def read(
         If the file does not state how code values encode light, and they are taken as sRGB.
     """
     path = Path(path)
-    check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
+    check_kind(
+        "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
+    )
     if format_of(path) is RAW:
         if transfer not in (None, LINEAR):
             raise FileError(
@@ -108,7 +110,9 @@ def read_layer(
     FileError
         As in `read`; also if there is no alpha, or the colors of an EXR look straight.
     """
-    check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
+    check_kind(
+        "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
+    )
     raster = load(Path(path), max_pixels)
     alpha = raster.alpha
     if alpha is None:

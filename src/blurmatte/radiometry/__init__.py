@@ -1,10 +1,5 @@
 """Code values of files ⇄ linear light, and the noise of linear light."""
 
-from blurmatte.radiometry.coded import CodedFrame as CodedFrame
-from blurmatte.radiometry.coded import CodedSequence as CodedSequence
-from blurmatte.radiometry.coded import coded_frames as coded_frames
-from blurmatte.radiometry.coded import each_coded as each_coded
-from blurmatte.radiometry.coded import in_codes_of as in_codes_of
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS as LUMA_WEIGHTS
 from blurmatte.radiometry.color_space import YCBCR as YCBCR
 from blurmatte.radiometry.color_space import hex_of_light as hex_of_light

@@ -367,7 +367,10 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
         If the codes are no such array, or the transfer is no Transfer.
     """
     check_kind(
-        "transfer", transfer, Transfer, "use blurmatte.SRGB, or blurmatte.named_transfer(name)"
+        "transfer",
+        transfer,
+        Transfer,
+        "use blurmatte.SRGB, or blurmatte.radiometry.named_transfer(name)",
     )
     if not isinstance(codes, np.ndarray):
         raise TypeError(f"codes must be a NumPy array, got {type(codes).__name__}")

@@ -88,7 +88,7 @@ class NoiseModel(Noise):
     @classmethod
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
         """Noise of rounding to `levels` code values, to about 10 %."""
-        check_kind("transfer", transfer, Transfer, "use blurmatte.named_transfer(name)")
+        check_kind("transfer", transfer, Transfer, "use blurmatte.radiometry.named_transfer(name)")
         light = np.geomspace(0.005, 1, 100)
         coefficients = fit_coefficients(light, rounding_variance(light, levels, transfer))
         black = rounding_variance(np.zeros(1), levels, transfer)[0]

@@ -91,7 +91,7 @@ class Transfer:
                 f"{values[place]:.6g}, {values[place + 1]:.6g}"
             )
         codes = np.arange(len(values)) / (len(values) - 1)
-        return cls(name, _Lines(codes, values), _Lines(values, codes))
+        return cls(name, _LinearInterpolation(codes, values), _LinearInterpolation(values, codes))
 
     def table(self, levels: int) -> Array:
         """(levels,) linear light of every code value of an integer file, `levels` = 256 or 65536."""
@@ -106,7 +106,7 @@ class Transfer:
 
 
 @dataclass(frozen=True, eq=False)
-class _Lines:
+class _LinearInterpolation:
     """Linear interpolation between points (x, y), mirrored at the first, extrapolated at the last."""
 
     x: Array
@@ -297,7 +297,7 @@ def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
     tuple of Transfer and float
         The curve, and the largest difference of light, as a fraction of full scale.
     """
-    check_kind("curve", curve, Transfer, "use blurmatte.named_transfer(name)")
+    check_kind("curve", curve, Transfer, "use blurmatte.radiometry.named_transfer(name)")
     powers = (gamma(tenths / 10) for tenths in range(11, 31))
     candidates = [SRGB, REC709, LINEAR, *powers]
     light = curve.table(256)

@@ -140,7 +140,7 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
     ValueError, PlateError
         As `find_streaks`.
     """
-    check_kind("region", region, Streak, "use blurmatte.Streak.from_box(box, size)")
+    check_kind("region", region, Streak, "use blurmatte.streaks.Streak.from_box(box, size)")
     inside, cell = np.zeros_like(region.mask), 1
     for found in find_streaks(image, plate):
         part = found.mask & region.mask

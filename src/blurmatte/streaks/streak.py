@@ -142,7 +142,7 @@ class Streak:
 
 def check_streak(name: str, value: object) -> None:
     """Raise TypeError unless the value is a Streak or None."""
-    check_kind(name, value, Streak | None, "use blurmatte.Streak(mask), or from_box")
+    check_kind(name, value, Streak | None, "use blurmatte.streaks.Streak(mask), or from_box")
 
 
 def opened(mask: Bools) -> Bools:

@@ -42,7 +42,6 @@ from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
     noise_inflation,
-    variance_inflation,
 )
 from blurmatte.sweep.fit.shadow import in_shadow
 from blurmatte.sweep.hypotheses import (
@@ -160,7 +159,7 @@ def fit_sweep(
     """
     check_streak("streak", streak)
     check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
-    check_kind("start", start, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("start", start, Sweep | None, "use blurmatte.sweep.fit_sweep(image, plate)")
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = likeliest_streak(image, plate, require_streaks(image, plate), model)
@@ -531,7 +530,7 @@ def fit_stretch(
     stretch, n = ellipse.silhouette.at("stretch"), len(ellipse.path)
     at = slice(n + stretch.start, n + stretch.stop)
     covariance = np.asarray(np.linalg.pinv(ellipse.information()[0], hermitian=True)[at, at], float)
-    return ellipse.shape[stretch], variance_inflation(ellipse) * VARIANCE * covariance
+    return ellipse.shape[stretch], ellipse.variance_inflation * VARIANCE * covariance
 
 
 def fit_disc(
@@ -686,7 +685,7 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
         search = search.with_noise_inflated(inflation)
         discs = best(search)
     if prior is not None:
-        weight = variance_inflation(discs[0][0]) * VARIANCE * prior.scatter**2
+        weight = discs[0][0].variance_inflation * VARIANCE * prior.scatter**2
         search = search.with_prior(replace(prior, weight=weight))
         discs = best(search)
     return search, *discs

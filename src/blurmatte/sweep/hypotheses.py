@@ -18,7 +18,9 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
 from blurmatte.sweep.fit.outline import fit_growing, fit_outline
 from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
+from blurmatte.sweep.fit.residuals import (
+    residual_excess,
+)
 from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_field import ColorPrior
@@ -185,7 +187,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (Disc(), GrowingDisc(), Outline(), DiscWith
 
 def is_explained_by(state: State) -> bool:
     """Whether a fit leaves no residuals for other shapes or light to explain."""
-    return is_explained(state.observation, variance_inflation(state), residual_excess(state))
+    return is_explained(state.observation, state.variance_inflation, residual_excess(state))
 
 
 def is_explained(observation: Observation, inflation: float, excess: float) -> bool:

@@ -17,7 +17,6 @@ from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, ch
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation
@@ -95,7 +94,7 @@ def fit_transfer(
     check_picture("plate", plate)
     check_streak("streak", streak)
     for curve in curves:
-        check_kind("a curve", curve, Transfer, "use blurmatte.named_transfer(name)")
+        check_kind("a curve", curve, Transfer, "use blurmatte.radiometry.named_transfer(name)")
     declared, other = image.meta.transfer, plate.meta.transfer
     if declared is None or other is None or declared.name != other.name:
         raise PlateError(
@@ -121,7 +120,7 @@ def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearIma
     disc = search.best()[0][0]
     one_color = replace(disc.observation.color, rank=1)
     disc = disc.on(replace(disc.observation, color=one_color))
-    return variance_inflation(minimize(disc, search.bounds))
+    return minimize(disc, search.bounds).variance_inflation
 
 
 def with_curve(
@@ -158,11 +157,11 @@ def curve_covariance(
     (n, n) float
     """
     first = minimize(state, bounds, tolerance=ROUGH_TOLERANCE)
-    limit = _MAX_INFLATION_RATIO * variance_inflation(first)
+    limit = _MAX_INFLATION_RATIO * first.variance_inflation
     changes = [np.zeros(first.size)]
     for observation in others:
         other = minimize(first.relit(observation), bounds, tolerance=ROUGH_TOLERANCE)
-        if variance_inflation(other) <= limit:
+        if other.variance_inflation <= limit:
             changes.append(np.concatenate([other.path - first.path, other.shape - first.shape]))
     D = np.array(changes)
     return np.asarray(D.T @ D / len(D))

@@ -52,7 +52,7 @@ def photographed(seed, sag=0.0, noise=0.004):
     path = PARABOLA.starts(LINE.at(ends, np.linspace(0, 1, 9))[0])[0] if sag else ends
     family = PARABOLA if sag else LINE
     n = len(path) + 1
-    return image, plate, bm.Sweep(
+    return image, plate, bm.sweep.Sweep(
         family, path, DISC, np.array([14.2]), model, 0.01 * np.eye(n), SIZE
     )  # fmt: skip
 

@@ -32,7 +32,7 @@ def on_ground(points, height=0.0):
 def sweep_between(start, end, std=0.2):
     model = bm.ColorModel.from_samples(np.array([0.8, 0.3, 0.1]), std=0)
     path = np.concatenate([start, end])
-    return bm.Sweep(LINE, path, DISC, np.array([9.0]), model, std**2 * np.eye(5), (1280, 720))
+    return bm.sweep.Sweep(LINE, path, DISC, np.array([9.0]), model, std**2 * np.eye(5), (1280, 720))
 
 
 @pytest.mark.parametrize("by", ["pose", "vector", "points"])

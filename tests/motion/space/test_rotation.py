@@ -125,7 +125,7 @@ def test_rotation_of_sweep():
     silhouette, path = Silhouette(2, turns=True), np.array([10.0, 20, 50, 30])
     shape = np.array([8.0, 0.3, 0, -0.6])
     model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
-    sweep = bm.Sweep(LINE, path, silhouette, shape, model, 0.04 * np.eye(8) / 4, (80, 60))
+    sweep = bm.sweep.Sweep(LINE, path, silhouette, shape, model, 0.04 * np.eye(8) / 4, (80, 60))
     found = bm.motion.measure_rotation(sweep, exposure_time=0.1, exposure_std=0.01)
     assert_allclose([*found.center, found.angle], [30, 25, 0.6])
     assert_allclose([*found.center_std, found.angle_std], [0.1 / 2**0.5, 0.1 / 2**0.5, 0.1])
@@ -148,7 +148,7 @@ def test_error_of_a_sweep_is_that_of_its_turn(order, changes, soft):
     variances = np.arange(1.0, 5 + len(shape)) ** 2 * 1e-4
     model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
     path = np.array([10.0, 20, 50, 30])
-    sweep = bm.Sweep(LINE, path, silhouette, shape, model, np.diag(variances), (80, 60))
+    sweep = bm.sweep.Sweep(LINE, path, silhouette, shape, model, np.diag(variances), (80, 60))
     found = bm.motion.measure_rotation(sweep)
     assert_allclose([found.angle, found.angle_std], [0.6, np.sqrt(variances[4 + at])])
 
@@ -163,7 +163,7 @@ def test_sweep_that_does_not_turn_has_no_rotation(order, changes, soft):
     shape[-1] = 0.7
     model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
     covariance = 1e-4 * np.eye(4 + len(shape))
-    sweep = bm.Sweep(
+    sweep = bm.sweep.Sweep(
         LINE, np.array([10.0, 20, 50, 30]), silhouette, shape, model, covariance, (80, 60)
     )
     assert not silhouette.turn_slope().any()

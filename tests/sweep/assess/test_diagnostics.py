@@ -23,7 +23,9 @@ from blurmatte.rendering import Ball, Change, Sheet
 from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
+from blurmatte.sweep.fit.residuals import (
+    residual_excess,
+)
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.sweep import Diagnostics
 
@@ -66,7 +68,7 @@ def test_diagnostics_of_a_correct_sweep_are_small(scenes):
 def test_numbers_are_those_of_the_residuals():
     """exact"""
     state, d = known(SQUARE)
-    assert d.variance_inflation == variance_inflation(state) > 2
+    assert d.variance_inflation == state.variance_inflation > 2
     assert d.residual_excess == residual_excess(state) > 1.2
     inside = np.count_nonzero((state.swept.alpha > 0) & state.observation.valid)
     assert_allclose(d.effective_pixels, inside / d.variance_inflation)

@@ -26,7 +26,6 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball, Change, Scene
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.outline import fit_growing, growing
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 
 NEARER = Scene(WALL, along(LINE), Ball(10, GREEN, ambient=1.0), Change(scale=(0.75, 1.35)))
@@ -59,7 +58,7 @@ def test_a_ball_that_comes_nearer_grows(scene, family):
     assert_allclose(ahead * state.shape[1], np.log(last / first), atol=0.06)
     assert_allclose(state.shape[0], 10 * (first + last) / 2, rtol=0.03)
     assert error(state, scene) < 0.01 < 0.02 < error(disc, scene)
-    assert variance_inflation(state) < 1.5 < variance_inflation(disc)
+    assert state.variance_inflation < 1.5 < disc.variance_inflation
 
 
 @pytest.mark.parametrize("family", [LINE, ARC, PARABOLA, CUBIC, BOUNCE], ids=lambda f: f.name)

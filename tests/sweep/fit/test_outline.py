@@ -26,7 +26,6 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball, Change, Scene, Sheet
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.outline import changing, fit_outline, outlined, stretched, turning
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import LINE
 
 PATH = along(LINE)
@@ -68,7 +67,7 @@ def test_a_squashed_ball_becomes_an_ellipse(scene):
     disc, state = disc_of(scene), outline_of(scene)
     assert state.silhouette.name == "ellipse"
     assert error(state, scene) < 0.01 < 0.03 < error(disc, scene)
-    assert variance_inflation(state) < 1.3 < variance_inflation(disc)
+    assert state.variance_inflation < 1.3 < disc.variance_inflation
     assert state.cost < disc.cost
 
 

@@ -27,7 +27,6 @@ from blurmatte.sweep.fit.residuals import (
     noise_inflation,
     outlier_fraction,
     residual_excess,
-    variance_inflation,
 )
 
 SQUARE = replace(BALL, body=Sheet(24, 24, GREEN), change=Change(turned=(0, 0, 0.4)))
@@ -61,7 +60,7 @@ def wrong():
 def test_residuals_of_a_correct_sweep_are_noise(scenes, seed):
     """honest"""
     state = fitted(scenes[LINE], seed)
-    assert variance_inflation(state) < 1.2
+    assert state.variance_inflation < 1.2
     assert 0.8 < residual_excess(state) < 1.2
     assert outlier_fraction(state) < 0.01
     assert noise_inflation(state) == 1
@@ -69,20 +68,20 @@ def test_residuals_of_a_correct_sweep_are_noise(scenes, seed):
 
 def test_residuals_of_a_disc_fitted_to_a_square_are_correlated(wrong):
     assert wrong.converged
-    assert variance_inflation(wrong) > 2
+    assert wrong.variance_inflation > 2
     assert residual_excess(wrong) > 1.2
 
 
 def test_variance_inflation_of_white_noise_is_one(right):
     """exact up to sampling: weights limit large residuals, so that it is hardly above 1."""
     for seed in range(4):
-        assert 1 <= variance_inflation(with_residuals(right, 0, seed)) < 1.15
+        assert 1 <= with_residuals(right, 0, seed).variance_inflation < 1.15
 
 
 def test_variance_inflation_grows_with_the_correlation_length(right):
     """oracle: a Gaussian of σ pixels correlates 4π σ² pixels; blocks of 8 limit it."""
     at = [
-        np.mean([variance_inflation(with_residuals(right, smooth, seed)) for seed in range(6)])
+        np.mean([with_residuals(right, smooth, seed).variance_inflation for seed in range(6)])
         for smooth in (0, 1, 2, 4)
     ]
     assert at[0] < at[1] < at[2] < at[3]
@@ -92,7 +91,7 @@ def test_variance_inflation_grows_with_the_correlation_length(right):
 def test_variance_inflation_grows_with_the_noise_level(right):
     """Residuals of twice the stated noise have up to four times the variance."""
     loud = replace(right, e=1.5 * with_residuals(right, 0).e)
-    assert 1.2 < variance_inflation(loud) < 1.5**2
+    assert 1.2 < loud.variance_inflation < 1.5**2
 
 
 @pytest.mark.parametrize("smooth", [0.0, 1.0])
@@ -108,7 +107,7 @@ def test_noise_of_a_jpeg_is_no_excess():
     """honest: in the mean of 8; residuals of a correct sweep are as correlated as outside."""
     states = [fitted(FLAT[LINE], seed, JPEG) for seed in range(8)]
     assert 0.8 < np.mean([residual_excess(state) for state in states]) < 1.25
-    assert np.mean([variance_inflation(state) for state in states]) > 2
+    assert np.mean([state.variance_inflation for state in states]) > 2
 
 
 def test_outlier_fraction_is_that_of_another_object(right):

@@ -21,7 +21,6 @@ from blurmatte.rendering import (
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart, start_along
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow, in_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import observation_around
@@ -144,5 +143,5 @@ def test_a_shadow_could_be_as_likely_as_an_outline_only_where_there_is_one(scene
     _, observation = observed(scene, seed=5)
     disc = minimize(true_disc(observation), BOUNDS)
     outline = minimize(disc.of_kind(replace(disc.silhouette, order=2)), BOUNDS)
-    assert (variance_inflation(outline) > 1.2) == shaded
+    assert (outline.variance_inflation > 1.2) == shaded
     assert may_be_shaded(disc, outline) == shaded

@@ -394,7 +394,7 @@ def test_stretch_of_the_camera_is_that_of_an_ellipse(soft):
     blur = [0.9] * soft
     ellipse = Silhouette(2, soft=soft).sweep(ARC, ROUND, np.array([6, 0.3, -0.2, *blur]), canvas())
     disc = Silhouette(1, soft=soft, camera_stretch=(0.3, -0.2))
-    seen = disc.sweep(ARC, ROUND, np.array([6, *blur]), canvas())
+    seen = disc.sweep(ARC, ROUND, np.array([6.0, *blur]), canvas())
     assert_allclose(seen.alpha, ellipse.alpha, atol=1e-12)
     n = len(ROUND)
     kept = [*range(n + 1), *range(n + 3, n + 3 + soft)]

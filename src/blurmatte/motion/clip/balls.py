@@ -80,7 +80,7 @@ def fit_balls(
     if not frames:
         raise ValueError("frames must be one or more, got none")
     first, plate = with_noise(frames[0], plate)
-    fit = _Fit(plate, model, noise_of(first), intrinsics, (radius, radius_std))
+    fit = _BallFitter(plate, model, noise_of(first), intrinsics, (radius, radius_std))
     by_frame = (
         tuple(row.sighting for row in group) for _, group in groupby(rows, lambda row: row.frame)
     )
@@ -106,7 +106,7 @@ def balls_in_space(
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _BallFitter:
     """Fits balls in a frame; holds the data common to all frames. Radius and its error in meters."""
 
     plate: LinearImage

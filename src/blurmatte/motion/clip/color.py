@@ -12,7 +12,8 @@ from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameMotion
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
-from blurmatte.radiometry import LinearImage, coded_frames, light_of_hex
+from blurmatte.radiometry import LinearImage, light_of_hex
+from blurmatte.radiometry.coded import coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import DiscColors, fit_disc_colors, fit_sweep

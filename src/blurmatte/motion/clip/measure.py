@@ -34,13 +34,10 @@ from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import (
-    CodedFrame,
-    CodedSequence,
     LinearImage,
     check_picture,
-    coded_frames,
-    each_coded,
 )
+from blurmatte.radiometry.coded import CodedFrame, CodedSequence, coded_frames, each_coded
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around

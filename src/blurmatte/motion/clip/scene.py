@@ -28,15 +28,17 @@ from blurmatte.motion.clip.frames import gain_of, noise_of, times_gain
 from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import (
-    CodedFrame,
     LinearImage,
     Noise,
-    coded_frames,
     counted_once,
+)
+from blurmatte.radiometry.coded import (
+    CodedFrame,
+    CodedSequence,
+    coded_frames,
     each_coded,
     in_codes_of,
 )
-from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.streaks import Gate
 

@@ -24,7 +24,8 @@ from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, successes
-from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
+from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.coded import CodedFrame, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep

@@ -42,7 +42,8 @@ from blurmatte.motion.clip.solving import (
     wanted_frames,
 )
 from blurmatte.motion.clip.workers import Failure, Workers, parts_of, shared, successes
-from blurmatte.radiometry import LinearImage, coded_frames, each_coded
+from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.coded import coded_frames, each_coded
 
 Result = TypeVar("Result")
 

@@ -327,8 +327,7 @@ def _save(path: Path, work: Any) -> None:
     with path.open("wb") as file:
         parts: list[Any] = [len(head).to_bytes(_ALIGNMENT, "little"), head, data, *views]
         for part in parts:
-            file.write(part)
-            file.write(bytes(-file.tell() % _ALIGNMENT))
+            file.write(bytes(-file.write(part) % _ALIGNMENT))
 
 
 def _loaded(path: Path, shared: bool) -> Any:

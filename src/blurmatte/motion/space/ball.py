@@ -22,7 +22,9 @@ from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import NODES_PER_RADIUS, with_principal_axes
 from blurmatte.sweep.fit.ranking import Candidate, best_of
-from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
+from blurmatte.sweep.fit.residuals import (
+    residual_excess,
+)
 from blurmatte.sweep.fit_sweep import fit_sweep
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
@@ -125,7 +127,7 @@ def fit_ball(
     """
     check_picture("image", image)
     check_intrinsics("intrinsics", intrinsics)
-    check_kind("sweep", sweep, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
+    check_kind("sweep", sweep, Sweep | None, "use blurmatte.sweep.fit_sweep(image, plate)")
     intrinsics.check_size(image.size)
     image, plate = with_noise(image, plate)
     if sweep is None:
@@ -133,7 +135,7 @@ def fit_ball(
     best = _best_fit(intrinsics, sweep, image, plate)
     family, n = best.family, len(best.path)
     H, _ = best.information()
-    covariance = np.linalg.pinv(H, hermitian=True) * variance_inflation(best) * VARIANCE
+    covariance = np.linalg.pinv(H, hermitian=True) * best.variance_inflation * VARIANCE
     picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance))
     found = diagnosed(Candidate(best), best.radius, float(covariance[n, n] ** 0.5), 0.0)
     _check_accepted(
@@ -223,4 +225,4 @@ def _accelerates(ball: PerspectiveBall, line: State) -> bool:
     bent = state_at(line.observation, PARABOLA, path, replace(ball, degree=2), shape)
     H, g = bent.information()
     gain = float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
-    return gain / variance_inflation(line) > _MIN_GAIN * (bent.size - line.size)
+    return gain / line.variance_inflation > _MIN_GAIN * (bent.size - line.size)

@@ -11,7 +11,6 @@ from blurmatte.sweep.fit.ranking import Candidate, rejection
 from blurmatte.sweep.fit.residuals import (
     outlier_fraction,
     residual_excess,
-    variance_inflation,
 )
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
@@ -26,7 +25,7 @@ _MAX_ONE_COLOR_SPREAD = (
 def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     """The sweep of a candidate: parameters, colors and their covariance in an image."""
     state = candidate.state
-    inflation, prior = variance_inflation(state) * VARIANCE, state.observation.prior
+    inflation, prior = state.variance_inflation * VARIANCE, state.observation.prior
     if prior is not None:
         inflation *= prior.scatter**2
     H, _ = state.information()
@@ -66,7 +65,7 @@ def diagnosed(
     state = candidate.state
     observation, alpha = state.observation, state.swept.alpha
     inside = (alpha > 0) & observation.valid
-    inflation = variance_inflation(state)
+    inflation = state.variance_inflation
     variance = observation.C_variance + observation.B_variance
     change = ((observation.C - observation.B) ** 2 / variance)[inside]
     length = max(float(np.linalg.norm(state.field.mean)), 1e-9)

@@ -26,7 +26,9 @@ from blurmatte.radiometry.compression import BLOCK, lost_change
 from blurmatte.statistics import cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.fit.residuals import colors_are_correlated, variance_inflation
+from blurmatte.sweep.fit.residuals import (
+    colors_are_correlated,
+)
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import light_before
 from blurmatte.sweep.model.observation import Observation
@@ -48,7 +50,7 @@ def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     H, g = after.information()
     g_before = state.information()[1]
     d = -np.linalg.pinv(H, hermitian=True) @ (g - g_before)
-    inflation = variance_inflation(state) * VARIANCE
+    inflation = state.variance_inflation * VARIANCE
     before, then = (_slope(one, lost) for one in (state, after))
     known = max(float(then - before + (g - g_before) @ d), 0.0) / inflation
     score = (before + g_before @ d) / inflation

@@ -20,7 +20,6 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import best_of, bic_penalty, ranked, rejection
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
@@ -250,7 +249,7 @@ def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
     if state.observation.color.varied > 1:
         return state
     start = with_principal_axes(state)
-    start = start.relit(start.observation.raised(variance_inflation(start)))
+    start = start.relit(start.observation.raised(start.variance_inflation))
     observation = start.observation
     # A standard deviation of 10, linear light, along the mean color: brightness has no influence.
     error = np.broadcast_to(10 * observation.color.axes[:, 0], observation.C.shape)
@@ -266,7 +265,7 @@ def _is_surely_blurred(state: State) -> bool:
     The cost is about quadratic in the variance b² of the blur, for it is even in b: a Wald statistic.
     """
     variance = np.linalg.pinv(state.information()[0], hermitian=True)[-1, -1]
-    cost = state.shape[-1] ** 2 / (8 * max(float(variance), 1e-12) * variance_inflation(state))
+    cost = state.shape[-1] ** 2 / (8 * max(float(variance), 1e-12) * state.variance_inflation)
     return not rejection(state) and cost > 2 * bic_penalty(state.observation, 1)
 
 

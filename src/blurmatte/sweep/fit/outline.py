@@ -18,7 +18,6 @@ from blurmatte.sweep.fit.ranking import (
     best_of,
     bic_penalty,
 )
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
@@ -47,11 +46,11 @@ def fit_outline(disc: State) -> State:
     shapes = [outlined(start), replace(outlined(start), order=2)]
     explained = _MAX_EXPLAINED_INFLATION
     found = _fitted((start.of_kind(shape) for shape in shapes), bounds)
-    if not _could_pay(start, best_of(found)) and variance_inflation(start) < explained:
+    if not _could_pay(start, best_of(found)) and start.variance_inflation < explained:
         return disc
     for starts in (straighter, stretched, crosswise, turning, changing):
         found += _fitted(starts(start, best_of(found)), bounds)
-        if variance_inflation(best_of(found)) < explained:
+        if best_of(found).variance_inflation < explained:
             break
     best = best_of([start, *found])
     if best is start:
@@ -94,7 +93,7 @@ def _fitted(
 
 def _could_pay(disc: State, most_general: State) -> bool:
     """True if an ellipse would be preferred with the gain of the most general shape."""
-    gain = (disc.cost - most_general.cost) / variance_inflation(most_general)
+    gain = (disc.cost - most_general.cost) / most_general.variance_inflation
     return gain > bic_penalty(disc.observation, 2) + DECISIVE_LOG_BAYES_FACTOR
 
 

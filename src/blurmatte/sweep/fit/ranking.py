@@ -10,7 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.shape import FlatShape
@@ -35,7 +34,7 @@ def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     """
     admissible = [state for state in states if not rejection(state)] or list(states)
     likeliest = min(admissible, key=lambda state: state.cost)
-    inflation = variance_inflation(likeliest)
+    inflation = likeliest.variance_inflation
     scores = [
         (state.cost - likeliest.cost) / inflation
         + bic_penalty(state.observation, state.size + (state.family.kink(state.path) is not None))

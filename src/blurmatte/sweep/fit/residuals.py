@@ -3,8 +3,13 @@
 import numpy as np
 
 from blurmatte.checks import Array, Bools
-from blurmatte.statistics import MEDIAN_3, block_squares, chi_square_quantile
-from blurmatte.streaks import dilated
+from blurmatte.statistics import (
+    MEDIAN_3,
+    block_squares,
+    chi_square_quantile,
+    mean_of_blocks,
+    trimmed_mean,
+)
 from blurmatte.sweep.model.observation import BlockStatistics
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
@@ -14,20 +19,10 @@ _MAX_REPEATED_CHI2 = 0.3 / MEDIAN_3
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
 
 
-def variance_inflation(state: State) -> float:
-    """Variance of block sums of residuals over that of independent pixels, 1 or more.
-
-    The larger of both block sizes, within the sweep. The log likelihood is too large by this factor.
-    """
-    inside, _ = _places(state)
-    e, n = _weighted(state), state.observation.channels
-    return max(1.0, *(_of_blocks(e, inside, 0.0, size, n) for size in BlockStatistics.sizes_px))
-
-
 def hue_inflation(state: State) -> float:
-    """As `variance_inflation`, the larger of both axes of hue, and over blocks of chroma as well."""
-    inside, _ = _places(state)
-    e = _weighted(state)[..., 1:]
+    """As `State.variance_inflation`, the larger of both axes of hue, also over blocks of chroma."""
+    inside, _ = state.places
+    e = state.weighted_residuals[..., 1:]
     sizes = *BlockStatistics.sizes_px, BlockStatistics.chroma_px
     squares = (block_squares(e, inside, size) for size in sizes)
     return max(1.0, *(float(s.mean(axis=0).max()) for s in squares if len(s)), 1.0)
@@ -39,8 +34,8 @@ def residual_excess(state: State) -> float:
     Each is the variance of block sums over that of pixels: an error of the noise level cancels. Few
     blocks of one channel exceed 1 by chance: what they exceed in one of twenty cases counts as 1.
     """
-    e, n = _weighted(state), state.observation.channels
-    inside, outside = _places(state)
+    e, n = state.weighted_residuals, state.observation.channels
+    inside, outside = state.places
     blocks = BlockStatistics
     ratios = [
         _correlation(e, inside, blocks.trimmed_inside, size, n)
@@ -80,7 +75,7 @@ def noise_inflation(state: State) -> float:
     change to be noise.
     """
     observation, alpha = state.observation, state.swept.alpha
-    _, outside = _places(state)
+    _, outside = state.places
     inside = (alpha > 0) & (alpha < OPAQUE) & observation.valid
     if not (inside.any() and outside.any()):
         return 1.0
@@ -100,7 +95,7 @@ def colors_are_correlated(state: State) -> bool:
     Blur by a lens does not correlate noise, and slow variation of light has no influence.
     """
     observation = state.observation
-    _, outside = _places(state)
+    _, outside = state.places
     variance = observation.C_variance + observation.B_variance
     e = (observation.C - observation.B) / np.sqrt(variance)
     color = e - e.mean(axis=-1, keepdims=True)
@@ -122,33 +117,9 @@ def _squared_differences(values: Array, use: Bools, apart: int) -> float:
     return total
 
 
-def _weighted(state: State) -> Array:
-    """(h, w, 3) residuals as the fit weights them."""
-    weight = state.weights / np.maximum(state.observation.weight, 1e-12)
-    return np.moveaxis(state.e * np.sqrt(weight), 0, -1)
-
-
-def _places(state: State) -> tuple[Bools, Bools]:
-    """Masks of the sweep without opaque pixels, and of the background."""
-    observation, alpha = state.observation, state.swept.alpha
-    near = dilated((alpha > 0) | observation.streak, BlockStatistics.margin_px)
-    return near & observation.valid & (alpha < OPAQUE), ~near & observation.valid
-
-
 def _correlation(e: Array, use: Bools, trimmed: float, size: int, channels: int) -> float:
     """Mean square of block sums over that of pixels; 1 if there are no pixels."""
     if not use.any():
         return 1.0
-    pixels = _trimmed_mean((e**2).sum(axis=-1)[use] / channels, trimmed)
-    return _of_blocks(e, use, trimmed, size, channels) / pixels if pixels > 0 else 1.0
-
-
-def _of_blocks(e: Array, use: Bools, trimmed: float, size: int, channels: int) -> float:
-    squares = block_squares(e, use, size)
-    return _trimmed_mean(squares.sum(axis=1) / channels, trimmed) if len(squares) else 1.0
-
-
-def _trimmed_mean(values: Array, trimmed: float) -> float:
-    """Mean without the largest values."""
-    kept = max(int(np.ceil((1 - trimmed) * len(values))), 1)
-    return float(np.mean(np.sort(values)[:kept]))
+    pixels = trimmed_mean((e**2).sum(axis=-1)[use] / channels, trimmed)
+    return mean_of_blocks(e, use, size, channels, trimmed) / pixels if pixels > 0 else 1.0

@@ -15,7 +15,6 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
 from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE
@@ -53,7 +52,7 @@ def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow]
         starts.append(_in_one_half(straight))
     fits = [_alternated(*start, bounds, _COARSE_ROUNDS) for start in starts]
     best, cast = min(fits, key=lambda fit: fit[0].cost)
-    gain = (on_coarse.cost - best.cost) / variance_inflation(best)
+    gain = (on_coarse.cost - best.cost) / best.variance_inflation
     if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
         return None
     best, cast = _alternated(best.on(plain), cast, bounds, _FINE_ROUNDS)
@@ -80,8 +79,8 @@ def may_be_shaded(disc: State, outline: State) -> bool:
     H, g = shaded.information()
     gain = alone.cost - shaded.cost + float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
     fewer = outline.size - disc.size - CastShadow.size
-    needed = (alone.cost - other.cost) / variance_inflation(other) - bic_penalty(plain, fewer)
-    return gain / variance_inflation(other) > needed - DECISIVE_LOG_BAYES_FACTOR
+    needed = (alone.cost - other.cost) / other.variance_inflation - bic_penalty(plain, fewer)
+    return gain / other.variance_inflation > needed - DECISIVE_LOG_BAYES_FACTOR
 
 
 def _in_one_half(both: State) -> tuple[State, CastShadow]:

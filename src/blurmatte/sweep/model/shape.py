@@ -212,7 +212,7 @@ class FlatShape(Shape):
 
     def map_at(self, shape: Array, t: Array) -> Array:
         """(T, 2, 2) linear maps from the shape in the middle of the exposure to that at fractions t."""
-        return np.broadcast_to(np.eye(2), (len(t), 2, 2))
+        return np.tile(np.eye(2), (len(t), 1, 1))
 
     def rim_motion(self, shape: Array) -> float:
         """Distance by which turn and change move the rim during the exposure, pixels."""

@@ -189,7 +189,7 @@ class Silhouette(FlatShape):
     def _maps(self, shape: Array, t: Array) -> tuple[Array, Array]:
         """`map_at` (T, 2, 2), and derivatives (T, 2, 2, l) by turn and rates."""
         late, count = t - 0.5, len(t)
-        maps, by = np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2, 2, 0))
+        maps, by = np.tile(np.eye(2), (count, 1, 1)), np.zeros((count, 2, 2, 0))
         if self.changes:
             maps, by = changed(self.rates(shape), late)
             by = by[..., : self.names.count("rates")]

@@ -5,11 +5,14 @@ from functools import cached_property
 
 import numpy as np
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Bools
+from blurmatte.statistics import mean_of_blocks
+from blurmatte.streaks import dilated
 from blurmatte.sweep.model.color_field import ColorField, fit_field
-from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
+from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.student_t import student_weight
 
 
@@ -57,6 +60,29 @@ class State:
     def weights(self) -> Array:
         """(h, w) of the pixels: less for outliers."""
         return self.observation.weight * student_weight(self.chi2, self.observation.channels)
+
+    @property
+    def weighted_residuals(self) -> Array:
+        """(h, w, 3) residuals as the fit weights them."""
+        weight = self.weights / np.maximum(self.observation.weight, 1e-12)
+        return np.moveaxis(self.e * np.sqrt(weight), 0, -1)
+
+    @property
+    def places(self) -> tuple[Bools, Bools]:
+        """Masks (h, w) of the sweep without opaque pixels, and of the background."""
+        valid, alpha = self.observation.valid, self.swept.alpha
+        near = dilated((alpha > 0) | self.observation.streak, BlockStatistics.margin_px)
+        return near & valid & (alpha < OPAQUE), ~near & valid
+
+    @cached_property
+    def variance_inflation(self) -> float:
+        """Variance of block sums of residuals over that of independent pixels, 1 or more.
+
+        The larger of both block sizes, within the sweep. By it the log likelihood is too large.
+        """
+        (inside, _), n = self.places, self.observation.channels
+        e = self.weighted_residuals
+        return max(1.0, *(mean_of_blocks(e, inside, size, n) for size in BlockStatistics.sizes_px))
 
     def information(self) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost; colors are marginalized."""
