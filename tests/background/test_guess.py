@@ -141,3 +141,24 @@ def test_what_stands_out_from_a_wall_is_proposed_and_a_wall_alone_is_not():
     ((x0, y0, x1, y1),) = regions_that_stand_out(LinearImage(rgb))
     assert 20 < x0 <= 36 < 60 <= x1 < 76
     assert 14 < y0 <= 30 < 42 <= y1 < 58
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_object_before_a_rough_scene_is_hidden_wholly(seed):
+    """Its light is as likely as that of the scene nearly everywhere: agreement says nothing."""
+    _, picture = wall(seed, texture=0.08, reach=3.0)
+    y, x = np.mgrid[:72, :96]
+    covered = ((y - 36) / 8) ** 2 + ((x - 48) / 15) ** 2 < 1
+    rgb = picture.rgb.copy()
+    rgb[covered] = 0.3 * rgb[covered] + 0.7 * np.array([0.42, 0.4, 0.36])
+    rgb[34:39, 36:41] = 1.0
+    assert guess_plate(LinearImage(rgb), REGION).hidden[covered].all()
+
+
+def test_what_shows_a_plain_wall_is_not_hidden():
+    _, picture = wall(0)
+    rgb = picture.rgb.copy()
+    rgb[32:40, 40:48] = 0.2
+    hidden = guess_plate(LinearImage(rgb), REGION).hidden
+    assert hidden[32:40, 40:48].all()
+    assert np.count_nonzero(hidden) < 0.8 * np.count_nonzero(REGION)

@@ -1,5 +1,7 @@
 """solve before a guessed plate: alpha, and an error that contains that of the guess."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from tests.scenes import photographed, rendered
@@ -7,8 +9,9 @@ from tests.scenes import photographed, rendered
 from blurmatte.background import guess_plate
 from blurmatte.color import ColorModel
 from blurmatte.figures import draw_overview
-from blurmatte.matting import Grade, Smooth, solve
+from blurmatte.matting import Grade, Smooth, Swept, solve
 from blurmatte.rendering import Ball, Camera, Scene, plain_plate
+from blurmatte.sweep.hypotheses import Disc, DiscWithShadow
 from blurmatte.trajectory import Trajectory
 
 COLOR = (0.1, 0.3, 0.8)
@@ -67,6 +70,26 @@ def test_sheet_shows_the_guess_and_its_error(seen, smooth):
     image, plate, _ = seen
     with_guess = draw_overview(image, plate, smooth[0])
     assert len(with_guess) > len(draw_overview(image, plate.plates[0], smooth[0]))
+
+
+class Tried(Exception):
+    """What a solver was asked to fit."""
+
+
+class Asked(Swept):
+    """Fits a disc, and raises what it would have fitted."""
+
+    def answer(self, case, out):
+        raise Tried([type(one) for one in self.hypotheses])
+
+
+@pytest.mark.parametrize(("std", "tried"), [(0.01, [Disc, DiscWithShadow]), (0.1, [Disc])])
+def test_shadows_are_sought_only_before_a_good_guess(seen, std, tried):
+    image, plate, _ = seen
+    variance = np.where(plate.hidden[..., None], std**2, plate.variance)
+    with pytest.raises(Tried) as raised:
+        solve(image, replace(plate, noise=variance), None, Asked((Disc(), DiscWithShadow())))
+    assert raised.value.args[0] == tried
 
 
 @pytest.mark.battery

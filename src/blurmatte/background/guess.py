@@ -33,6 +33,7 @@ _LENGTHS = 7  # of the covariance, from one cell to twice the surroundings
 _NUGGETS = np.geomspace(1e-4, 1e4, 13)  # variance of cells that is not smooth, over that which is
 _REFINEMENTS = 2  # of what is hidden: a part of the region agrees with the guess
 _MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
+_DECISIVE_ODDS = 20.0  # that a cell shows the scene
 _MARGIN_PX = 4  # around what disagrees with the guess
 _MARGIN_FACTOR = (
     1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
@@ -242,7 +243,10 @@ class _AroundRegion:
         return cls(window, cell, mean, std, drawn, axes, lines, texture, grain, autocovariance)
 
     def covered(self, image: LinearImage, hidden: Bools) -> Bools:
-        """What of the hidden is near cells that disagree with the guess: the object may be there.
+        """What of the hidden is near cells that may not show the scene: the object may be there.
+
+        A cell shows the scene if its light is decisively likelier as that of the guess than as any
+        light of the region. Where a guess is hardly better than that, agreement says nothing.
 
         Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below
         the threshold: that of the threshold over the largest disagreement.
@@ -255,12 +259,16 @@ class _AroundRegion:
         d = d / np.maximum(count, 1)[..., None] - self.mean
         noise = np.asarray(image.variance[place], float)[inside].mean(axis=0) @ self.axes**2
         variance = self.std**2 + self.texture + noise / self.cell**2
+        inner = count > self.cell**2 / 2
+        any_light = np.maximum((d[inner] ** 2).mean(axis=0), variance)
+        log_odds = np.log(any_light / variance) + d**2 / any_light - d**2 / variance
+        may_differ = inner & (0.5 * log_odds.sum(axis=-1) < np.log(_DECISIVE_ODDS))
         z2 = (d**2 / variance).sum(axis=-1)
-        differs = (z2 > QUANTILE_999_3) & (count > self.cell**2 / 2)
+        differs = (z2 > QUANTILE_999_3) & inner
         if not differs.any():
             return hidden
         part = np.sqrt(QUANTILE_999_3 / np.quantile(z2[differs], 0.95))
-        pixels = inside & differs.repeat(self.cell, axis=0).repeat(self.cell, axis=1)
+        pixels = inside & (differs | may_differ).repeat(self.cell, axis=0).repeat(self.cell, axis=1)
         half_width = float(scipy.ndimage.distance_transform_edt(np.pad(pixels, 1)).max())
         margin = _MARGIN_PX + _MARGIN_FACTOR * part * 2 * half_width
         near = np.zeros(hidden.shape, bool)

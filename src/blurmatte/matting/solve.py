@@ -36,6 +36,8 @@ from blurmatte.sweep.hypotheses import Disc
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.sweep import Sweep
 
+# Standard deviation of a guessed plate over its light, a third of what a soft shadow takes
+_MAX_ERROR_WITH_SHADOW = 0.1
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
 
@@ -92,12 +94,22 @@ def solve(
         If image and plate look swapped, or differ in brightness around the streak.
     """
     _check(image, plate, model, solver, streak, out, start)
-    given = model, solver or Averaged(), streak, start, prior, out
+    given = model, _that_shows_in(plate, solver or Averaged()), streak, start, prior, out
     if isinstance(plate, PlateGuess):
         return _before_guess(
             image, plate, occluder, prior, lambda pictures: _solved(pictures, *given)
         )
     return _solved(_matched(image, plate, matching, occluder), *given)
+
+
+def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
+    """A solver without hypotheses of shadows if the error of a guess is as large as their changes."""
+    if not (isinstance(plate, PlateGuess) and isinstance(solver, Swept)):
+        return solver
+    if plate.error <= _MAX_ERROR_WITH_SHADOW * float(plate.rgb[plate.hidden].mean()):
+        return solver
+    kept = tuple(one for one in solver.hypotheses if not one.changes_plate)
+    return replace(solver, hypotheses=kept)
 
 
 def _before_guess(

@@ -207,8 +207,8 @@ def fit_hypotheses(
 ) -> Hypotheses:
     """Hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
 
-    Before the plate as it is, or in the light that the object left on it if that is decisively
-    likelier. After `seconds` of CPU time the first is fitted only.
+    Before the plate as it is or, if a hypothesis changes the plate, in the light that the object left
+    on it if that is decisively likelier. After `seconds` of CPU time the first is fitted only.
     """
     limit = TimeLimit(seconds)
 
@@ -220,7 +220,9 @@ def fit_hypotheses(
         """All hypotheses before a plate."""
         return _fit_before(image, plate, streak, search, start, hypotheses, limit)
 
-    found = _in_likelier_light(before(plate, streak), image, before, limit)
+    found = before(plate, streak)
+    if any(one.changes_plate for one in hypotheses):
+        found = _in_likelier_light(found, image, before, limit)
     # Nobody can give the color of a black thing in a gray picture.
     if model is None and not image.meta.one_channel and not _is_solid(found.best):
         check_no_shadow(image, plate, streak)

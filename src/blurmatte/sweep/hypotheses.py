@@ -89,6 +89,7 @@ class Hypothesis(ABC):
     follows_shadow: ClassVar[bool] = (
         False  #: whether it may explain a shadow as a part of the object
     )
+    changes_plate: ClassVar[bool] = False  #: whether the object changes the light of the plate
 
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Whether it may be likelier than those before it: if they leave something to explain."""
@@ -149,6 +150,7 @@ class DiscWithShadow(Hypothesis):
     """A disc and the shadow that it casts, of constant size and growing."""
 
     in_words = "a disc with its shadow"
+    changes_plate = True
 
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Also if a shape explains the streak that may have followed the shadow."""
