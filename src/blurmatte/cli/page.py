@@ -34,9 +34,9 @@ def ui(
     """
     for file in files or []:
         if file.is_dir():
-            raise bm.FileError(f"{file}: is a folder; name the files in it")
+            raise bm.errors.FileError(f"{file}: is a folder; name the files in it")
         if not file.is_file():
-            raise bm.FileError(f"{file}: there is no such file; check the name")
+            raise bm.errors.FileError(f"{file}: there is no such file; check the name")
     if out is not None:
         check_folder(out)
     if not 0 <= port < 65536:

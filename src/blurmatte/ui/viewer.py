@@ -223,7 +223,7 @@ class _Viewer:
                 "alpha_std": float(solution.alpha_std[y, x]),
                 "flags": [
                     str(flag.name).lower()
-                    for flag in bm.Quality
+                    for flag in bm.matting.Quality
                     if int(solution.quality[y, x]) & flag.value
                 ],
             }
