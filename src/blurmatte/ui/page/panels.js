@@ -91,9 +91,9 @@ function Answer({ found }) {
   const [first, ...more] = found.in_words;
   return h("section", { class: "answer" },
     h("p", { role: "status", class: `grade ${found.grade}` }, h("strong", null, first.split(":")[0]), first.slice(first.indexOf(":"))),
+    h(Alternatives, { found }),
     h("details", { open: found.grade !== "confirmed" }, h("summary", null, "What is known, and why"),
       more.map((/** @type {string} */ line) => h("p", null, line))),
-    h(Alternatives, { found }),
     h(Downloads, { number: store.jobs.solve }));
 }
 
@@ -104,15 +104,15 @@ const SECONDS_TO_CHOOSE = 0.7;
 function Alternatives({ found }) {
   const all = found.stats.alternatives;
   if (found.grade === "confirmed" || all.length < 2) return null;
-  const choose = (/** @type {any} */ one) => {
+  const choose = (/** @type {any} */ one, /** @type {number} */ alternative) => {
     clearTimeout(choosing);
-    change({ colors: [one.hex] });
+    change({ colors: [one.hex], alternative });
     choosing = setTimeout(() => solveNow([one.hex]), 1000 * SECONDS_TO_CHOOSE);
   };
   const heaviest = Math.max(...all.map((/** @type {any} */ one) => one.weight));
   return h("fieldset", { role: "radiogroup", "aria-label": "Colors that fit" }, h("legend", null, "Colors that fit"),
     all.map((/** @type {any} */ one, /** @type {number} */ k) => h("label", { class: "check alternative" },
-      h("input", { type: "radio", name: "alternative", checked: store.colors[0] === one.hex, onChange: () => choose(one) }),
+      h("input", { type: "radio", name: "alternative", checked: store.alternative === k, onChange: () => choose(one, k) }),
       h("span", { class: "swatch", style: { background: one.hex ?? "transparent" } }),
       h("span", null, `${one.name}: alpha × ${one.alpha_factor.toFixed(2)}`, one.radius ? `, radius ${one.radius.toFixed(1)} px` : "",
         one.weight < 0.05 * heaviest ? h("em", null, " fits less well") : k === 0 ? "" : ` (weight ${one.weight.toFixed(2)})`))));
@@ -200,7 +200,7 @@ function Compose({ own, line }) {
 function Written({ kind }) {
   const one = job(kind);
   if (!one || one.state !== "done") return null;
-  return h("section", { class: "answer" }, h("p", { role: "status" }, `done: ${one.files.join(", ")}`), h(Downloads, { number: one.number }));
+  return h("section", { class: "answer" }, h("p", { role: "status" }, `done: ${one.files.length > 3 ? `${one.files.length} files` : one.files.join(", ")}`), h(Downloads, { number: one.number }));
 }
 
 // Measure

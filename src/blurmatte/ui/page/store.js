@@ -15,6 +15,7 @@ const CHOSEN = {
   burst: /** @type {number[]} */ ([]), // files of which a plate may be made
   region: /** @type {number[] | Source | null} */ (null),
   colors: /** @type {string[]} */ ([]),
+  alternative: -1, // the number of the color that was chosen among those that fit
   colorFrom: /** @type {Source | null} */ (null),
   occluder: /** @type {Source | null} */ (null),
   rank: "",
@@ -53,6 +54,7 @@ export const store = {
   ...structuredClone(CHOSEN),
   server: /** @type {any} */ (null),
   gone: false,
+  shaders: true, // whether the browser draws; else the server does, in 8 bits
   error: "",
   sending: /** @type {Map<string, number>} */ (new Map()),
   facts: /** @type {Map<string, any>} */ (new Map()), // what the viewer says of a source
@@ -134,12 +136,15 @@ async function fetchAnswer(job) {
   store.answers.set(job.number, whole.answer);
   if (store.jobs.solve === job.number && isClip() && whole.answer?.frames) {
     const first = whole.answer.frames.find((/** @type {any} */ row) => row.layer);
-    change(first && !clipRow() ? { frame: first.frame, mode: "result" } : { mode: "result" });
+    change({ mode: resulting(), ...(first && !clipRow() ? { frame: first.frame } : {}) });
   } else if (store.jobs.solve === job.number && solution()) {
-    change({ mode: "result", changes: structuredClone(CHOSEN.changes) });
+    change({ alternative: -1, mode: resulting(), changes: structuredClone(CHOSEN.changes) });
     describe(/** @type {Source} */ (layerOf(job.number)));
   } else change();
 }
+
+/** The view of a picture that has been solved. */
+const resulting = () => (store.shaders ? "result" : "checker");
 
 /** The state of the last job of a kind; null if there is none. @param {string} kind */
 export function job(kind) {

@@ -17,11 +17,13 @@ const DATA = ["alpha", "error", "flags"]; // no light: exposure does not change 
 const ZOOM_STEP = 1.25;
 const MOST_ZOOM = 32;
 
+const DRAWN = ["picture", "plate", "checker", "error"]; // views that the server draws, too
+
 /** Views that there is something to show in. */
-export const views = () => VIEWS.filter(([mode]) =>
+export const views = () => VIEWS.filter(([mode]) => (store.shaders || DRAWN.includes(mode)) && (
   mode === "picture" || (mode === "plate" ? behind() && behind() !== "none"
     : mode === "over" ? layer() && store.over : mode === "sharp" ? sharpLayer()
-    : ["error", "flags"].includes(mode) ? facts(layer())?.kind === "solution" : layer()));
+    : ["error", "flags"].includes(mode) ? facts(layer())?.kind === "solution" : layer())));
 
 export class Viewer extends Component {
   constructor(/** @type {any} */ props) {
@@ -33,6 +35,7 @@ export class Viewer extends Component {
     this.pointer = /** @type {any} */ (null);
     this.painter = /** @type {Painter | null} */ (null);
     this.previews = false;
+    this.fitted = true; // a picture that is shown whole stays so when the window changes
     this.reading = false;
     this.previewed = "";
   }
@@ -43,9 +46,9 @@ export class Viewer extends Component {
       this.painter = new Painter(this.canvas.current, () => this.paint());
     } catch {
       this.previews = true;
-      this.forceUpdate();
+      change({ shaders: false });
     }
-    this.watch = new ResizeObserver(() => this.paint());
+    this.watch = new ResizeObserver(() => (this.fitted ? this.fit() : this.paint()));
     this.watch.observe(this.canvas.current.parentElement);
     this.componentDidUpdate();
   }
@@ -71,12 +74,14 @@ export class Viewer extends Component {
     if (!found || !box || !box.width) return;
     const zoom = Math.min(box.width / found.width, box.height / found.height, 8);
     this.view = { zoom, x: (found.width - box.width / zoom) / 2, y: (found.height - box.height / zoom) / 2 };
+    this.fitted = true;
     this.paint();
   }
 
   /** Show a box with some room around it. @param {number[]} box */
   show([x0, y0, x1, y1]) {
     const seen = this.canvas.current.parentElement.getBoundingClientRect();
+    this.fitted = false;
     const zoom = Math.min(seen.width / (1.6 * (x1 - x0)), seen.height / (1.6 * (y1 - y0)), MOST_ZOOM);
     this.view = { zoom, x: (x0 + x1 - seen.width / zoom) / 2, y: (y0 + y1 - seen.height / zoom) / 2 };
     this.paint();
@@ -85,6 +90,7 @@ export class Viewer extends Component {
   /** @param {number} factor @param {number} [px] @param {number} [py]  a place that stays, on the screen */
   zoomBy(factor, px, py) {
     const box = this.canvas.current.getBoundingClientRect();
+    this.fitted = false;
     const at = [px ?? box.width / 2, py ?? box.height / 2];
     const zoom = Math.min(Math.max(this.view.zoom * factor, 0.01), MOST_ZOOM);
     this.view = {
@@ -97,6 +103,7 @@ export class Viewer extends Component {
 
   /** @param {number} dx @param {number} dy  screen pixels */
   panBy(dx, dy) {
+    this.fitted = false;
     this.view = { ...this.view, x: this.view.x - dx / this.view.zoom, y: this.view.y - dy / this.view.zoom };
     this.paint();
   }
