@@ -140,7 +140,7 @@ class _Stages(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
         """Show the stage; print it if details are asked for."""
         if (task := _task.get()) is not None:
-            task.stage(record.getMessage())
+            task.stage(record.getMessage(), getattr(record, "counted", None))
         if _verbosity.get().verbose:
             _write(
                 f"blurmatte: {time.monotonic() - self.begun:.1f} s: {record.getMessage()}",
@@ -344,13 +344,16 @@ class _Task:
     of: int | None
     done: int = 0
     name: str = ""
+    counted: tuple[int, int, float] | None = (
+        None  # things done in a stage, of how many, seconds left
+    )
     begun: float = field(default_factory=time.monotonic)
 
-    def stage(self, name: str) -> None:
-        """Say what is done now, and which of the stages it is."""
+    def stage(self, name: str, counted: tuple[int, int, float] | None = None) -> None:
+        """Say what is done now, which of the stages it is, and how far if that is counted."""
         if name in STAGES:
             name = f"{STAGES.index(name) + 1}/{len(STAGES)} {name}"
-        self.name = name
+        self.name, self.counted = name, counted
         self.report()
 
     def advance(self) -> None:
@@ -360,12 +363,14 @@ class _Task:
 
     def report(self) -> None:
         """Give the progress to the listener."""
-        left = None
-        if self.of and self.done:
+        done, of, left = self.done, self.of, None
+        if self.counted is not None and not of:
+            done, of, left = self.counted
+        elif self.of and self.done:
             left = (time.monotonic() - self.begun) / self.done * (self.of - self.done)
         counted = self.title if self.of else ""
         stage = ": ".join(filter(None, (counted, self.name))) or self.title
-        self.listener(Progress(stage, self.done, self.of, left))
+        self.listener(Progress(stage, done, of, left))
 
 
 _task: ContextVar[_Task | None] = ContextVar("task", default=None)

@@ -44,7 +44,8 @@ def ui(
     try:
         from blurmatte.ui.server import serve
     except ModuleNotFoundError as error:
-        raise ValueError(f"the page needs {error.name}: pip install 'blurmatte[ui]'") from error
+        library = (error.name or "").partition(".")[0]
+        raise ValueError(f"the page needs {library}: pip install 'blurmatte[ui]'") from error
     from blurmatte.ui import Session
 
     def opened(address: str) -> None:

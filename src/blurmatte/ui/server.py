@@ -326,12 +326,15 @@ class Requests:
     async def _zip(self, request: Request) -> Response:
         """All results of a job, as an archive that is written while it is sent."""
         job = self._named(request)
-        if not job.files:
+        names = [name for name in job.files if (job.folder / name).is_file()]
+        if not names:
             raise RefusedError(f"job {job.number} has no results")
         name = f"{job.title or job.words[0]}.zip".replace('"', "")
         safe = "".join(c if c.isascii() and c.isprintable() else "_" for c in name)
         headers = {"Content-Disposition": f'attachment; filename="{safe}"'}
-        return StreamingResponse(_zipped(job), media_type="application/zip", headers=headers)
+        return StreamingResponse(
+            _zipped(job.folder, names), media_type="application/zip", headers=headers
+        )
 
     async def _look(self, request: Request) -> Response:
         """What the viewer reads of a file, or of a result of a job."""
@@ -451,12 +454,12 @@ class _Tail:
         return taken
 
 
-def _zipped(job: Job) -> Iterator[bytes]:
-    """An archive of a job's results, piece by piece."""
+def _zipped(folder: Path, names: list[str]) -> Iterator[bytes]:
+    """An archive of files of a folder, piece by piece."""
     tail = _Tail()
     with zipfile.ZipFile(tail, "w") as archive:  # type: ignore[call-overload]
-        for name in job.files:
-            path = job.folder / name
+        for name in names:
+            path = folder / name
             entry = zipfile.ZipInfo.from_file(path, name, strict_timestamps=False)
             with path.open("rb") as source, archive.open(entry, "w", force_zip64=True) as target:
                 while piece := source.read(_PIECE_BYTES):

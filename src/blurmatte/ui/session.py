@@ -258,7 +258,10 @@ class Session:
     @property
     def room(self) -> int:
         """Bytes that a dropped file may have now."""
-        return max(0, min(MAX_UPLOAD_BYTES, shutil.disk_usage(self._folder).free - FREE_BYTES))
+        free = 0
+        with suppress(OSError):  # the folder was deleted
+            free = shutil.disk_usage(self._folder).free
+        return max(0, min(MAX_UPLOAD_BYTES, free - FREE_BYTES))
 
     def _new_path(self, name: str) -> Path:
         """A path in the private folder for a file of that name; RefusedError if it is none."""

@@ -188,7 +188,7 @@ class _Viewer:
         return tile
 
     def pixels(self, path: Path, frame: int, x: int, y: int, radius: int) -> dict[str, Any]:
-        """Mean light around a pixel, and alpha with its error if the file holds them."""
+        """Mean of the valid light around a pixel, and alpha with its error if the file holds them."""
         import numpy as np
 
         import blurmatte as bm
@@ -201,14 +201,14 @@ class _Viewer:
             raise ValueError(f"radius must be 0 to {_MAX_RADIUS}, got {radius}")
         rows = slice(max(y - radius, 0), y + radius + 1)
         columns = slice(max(x - radius, 0), x + radius + 1)
-        light = picture.rgb[rows, columns][picture.valid[rows, columns]].astype(float)
-        if len(light) == 0:
-            raise ValueError(f"pixel {x}, {y} has no valid light, as where it is clipped")
+        valid = picture.valid[rows, columns]
+        counted = valid if valid.any() else np.ones_like(valid)  # all, rather than nothing
+        light = picture.rgb[rows, columns][counted].astype(float)
         mean = light.mean(axis=0)
         numbers: dict[str, Any] = {
             "x": x,
             "y": y,
-            "count": len(light),
+            "count": int(valid.sum()),
             "light": mean.tolist(),
             "scatter": light.std(axis=0).tolist(),
         }
