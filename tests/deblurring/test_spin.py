@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from tests.scenes import noisy, photographed, rendered
 
 import blurmatte as bm
-from blurmatte.deblurring import sphere_kernel, spin_choice
+from blurmatte.deblurring import sphere_kernel, spin_fit
 from blurmatte.deblurring.gaussian import fit_strength
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import gradient_prior
@@ -291,7 +291,7 @@ def test_a_spin_is_chosen_by_its_evidence(ball, spin, monkeypatch):
                 return answer
             raise answer
 
-        monkeypatch.setattr(spin_choice, "fit_spin", search)
+        monkeypatch.setattr(spin_fit, "fit_spin", search)
         return bm.deblur(ball.image, ball.plate, ball.sweep, spin="auto")
 
     assert_allclose(chosen(spin).spin.rotation, spin.rotation)
@@ -311,7 +311,7 @@ def test_a_wrong_spin_has_less_evidence_than_the_right_one(ball, spin):
     flat, lattice = ball.sweep, Lattice.of(ball.sweep)
     wrong = replace(spin, rotation=-spin.rotation)
     right, other = (
-        spin_choice.log_bayes_factor(ball.image, ball.plate, one, flat, lattice)
+        spin_fit.log_bayes_factor(ball.image, ball.plate, one, flat, lattice)
         for one in (spin, wrong)
     )
     assert right > 100

@@ -47,7 +47,7 @@ _SECTIONS = {
         "edit": "editing",
     },
     "More on color and motion": {
-        "find": "finding",
+        "find": "pictures",
         "color": "solving",
         "paints": "layers",
         "locate": "motion",

@@ -20,7 +20,7 @@ from blurmatte.deblurring.revise import revised
 from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
-from blurmatte.deblurring.spin_choice import likelier_spin
+from blurmatte.deblurring.spin_fit import likelier_spin
 from blurmatte.deblurring.view import View
 from blurmatte.errors import BlurmatteWarning, MotionError
 from blurmatte.layer import Layer

@@ -1,4 +1,7 @@
-"""The errors for files that hold no usable picture."""
+"""The errors for files that hold no usable picture.
+
+Libraries print errors of damaged files past sys.stderr that are raised as well: those are discarded.
+"""
 
 import os
 import re
@@ -9,6 +12,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -21,6 +25,7 @@ VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # extra c
 _PATTERN = re.compile(r"%\d*d|[*?{\[]")
 _MAX_UNPROVEN = 50_000_000  # pixels: they need 2 GB at most
 _PIXELS_PER_BYTE = 32  # of a larger picture; no camera's has more, a flat one in a PNG has 340
+_STDERR_LOCK = Lock()  # two threads that silence stderr would restore the wrong descriptor
 _BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
 
 
@@ -245,3 +250,21 @@ def wanted_channels(
             f"{path}: export an RGB picture; the file has no channels R, G, B or Y, but {listed}"
         )
     return tuple(name for name in present if name in colors | {"A", VALID, *VARIANCE})
+
+
+@contextmanager
+def silent_libraries() -> Iterator[None]:
+    """Discard what is written to the descriptor of stderr."""
+    with _STDERR_LOCK:
+        try:
+            kept = os.dup(2)
+        except OSError:  # a program without a terminal has no stderr
+            yield
+            return
+        try:
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)

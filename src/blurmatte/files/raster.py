@@ -29,13 +29,13 @@ from blurmatte.files.errors import (
     damaged,
     format_of,
     plain_name,
+    silent_libraries,
     wanted_channels,
 )
 from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbers, parse_tags
 from blurmatte.files.exr_blocks import distinct_blocks, repeat_blocks, written_rows
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
-from blurmatte.files.silence import silent_libraries
 from blurmatte.formats import BMP, EXR, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
 from blurmatte.jpeg import JpegError, check_header, metadata_segments
 

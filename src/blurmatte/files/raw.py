@@ -23,10 +23,9 @@ import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import FileError
-from blurmatte.files.errors import check_size
+from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.exif import TiffTag
 from blurmatte.files.raster import readout_of, upright
-from blurmatte.files.silence import silent_libraries
 from blurmatte.formats import MAX_PIXELS
 from blurmatte.radiometry.color_space import Matrix3
 from blurmatte.radiometry.image import LinearImage, Meta

@@ -5,7 +5,7 @@ import pytest
 from tests.motion.clip.sightings import sighted
 
 from blurmatte.motion import FrameMotion
-from blurmatte.motion.clip.clip_radius import ClipRadius
+from blurmatte.motion.clip.clip_path import ClipRadius
 
 STD = 0.1
 

@@ -14,9 +14,8 @@ from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
 from blurmatte.motion.clip.frames import noise_of, plate_in_light_of, with_default_noise
 from blurmatte.motion.clip.positions_3d import places_in_space
-from blurmatte.motion.clip.progress import logged
 from blurmatte.motion.clip.summary import KnownQuantities, Places
-from blurmatte.motion.clip.workers import Workers, shared
+from blurmatte.motion.clip.workers import Workers, logged, shared
 from blurmatte.motion.picture.error_budget import check_with_std
 from blurmatte.motion.space.ball import fit_ball
 from blurmatte.motion.space.ball_motion import BallMotion

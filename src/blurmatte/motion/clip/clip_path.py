@@ -1,4 +1,4 @@
-"""ClipPath: the path of an object as one curve over time, of which each frame sees its exposure.
+"""ClipPath and ClipRadius: path and radius of an object as curves over time, seen by each exposure.
 
 Frame k is exposed from t_k to t_k + d, times in intervals between frames, with one d for the clip. With
 c, c′, c″ the curve and its derivatives in the middle of the exposure, frame k alone measures
@@ -11,6 +11,9 @@ for a fall. Two other frames of a track determine it, if three of a track have d
 
 The velocity may jump, at a bounce. The curve is broken where that makes the frames decisively likelier,
 each predicted from the others of its part, and more so than a mistake in a frame next to the jump does.
+
+The radius is a curve with white noise as its second derivative: a line for an object that comes nearer
+at a constant speed. Two other frames of a track determine it.
 """
 
 from __future__ import annotations
@@ -35,6 +38,7 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.model.motion_prior import PathPrior
 
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
+_RADIUS_ORDER = 2  # value and slope
 _BATCHES = 8  # of frames, whose displacements are compared
 
 
@@ -221,3 +225,48 @@ def _from_batches(slope: Array, curvature: Array) -> tuple[float, float]:
     slopes, curvatures = (np.add.reduceat(values, edges) for values in (slope, curvature))
     chi2 = float(np.sum(curvatures * (slopes / curvatures - d) ** 2)) / (_BATCHES - 1)
     return d, std * max(chi2, 1.0) ** 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class ClipRadius(RobustCurve):
+    """Radius of an object in the frames of a clip, each predicted from the others."""
+
+    @classmethod
+    def of(cls, frames: Sequence[FrameMotion]) -> ClipRadius:
+        """The radius in the rows of one object, in order of time."""
+        n = len(frames)
+        radii, weights = np.zeros((n, 1)), np.zeros((n, 1, 1))
+        for k, row in enumerate(frames):
+            if (one := row.stated) is not None:
+                radii[k] = one.motion.radius
+                weights[k] = 1 / (one.motion.radius_std**2 + MIN_STD_PX**2)
+        H = np.tile(np.eye(1, _RADIUS_ORDER), (n, 1, 1))
+        rows = Measurements(np.array(in_intervals(frames), float), H, radii, weights, 1)
+        used = whole_rows(frames)
+        return cls(tuple(frames), rows, parts_of_tracks(frames), used, (0.0,)).fitted()
+
+    @property
+    def common_std(self) -> float:
+        """Error of one frame, pixels, which all may have in common.
+
+        Compression and lens may shift all radii alike.
+        """
+        variances = 1 / self.rows.weights[self.used, 0, 0] + self.added_to_discs[0] ** 2
+        return float(np.sqrt(np.median(variances))) if variances.size else np.inf
+
+    def factor(self, sighting: Sighting) -> float:
+        """By which the error of the radius of a detection becomes that here."""
+        return self.factors_of(sighting, [sighting.motion.radius_std**2])[0]
+
+    def doubt(self, row: int) -> str:
+        """Why the radius of a row that contradicts the others may be wrong."""
+        return (
+            f"Its radius is {self.residuals[row, 0]:.2g} px off a smooth change through the other "
+            "frames: more than noise explains."
+        )
+
+    def predicted(self, row: int) -> tuple[float, float] | None:
+        """The radius in a row and its error, pixels, as the other rows predict them."""
+        radius, variance = self.states.mean[row, 0], self.states.covariance[row, 0, 0]
+        std = float(np.sqrt(student_inflation(1) * variance + self.common_std**2))
+        return (float(radius), std) if radius > 0 and np.isfinite(std) else None

@@ -7,8 +7,7 @@ import numpy as np
 
 from blurmatte.checks import check_kind
 from blurmatte.motion.clip.cadence import at_captures, doubting_repeats, is_repeat
-from blurmatte.motion.clip.clip_path import ClipPath
-from blurmatte.motion.clip.clip_radius import ClipRadius
+from blurmatte.motion.clip.clip_path import ClipPath, ClipRadius
 from blurmatte.motion.clip.detections import (
     FrameMotion,
     FrameSightings,

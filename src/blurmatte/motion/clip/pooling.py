@@ -10,8 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from blurmatte.color.model import ColorModel
-from blurmatte.motion.clip.clip_path import ClipPath
-from blurmatte.motion.clip.clip_radius import ClipRadius
+from blurmatte.motion.clip.clip_path import ClipPath, ClipRadius
 from blurmatte.motion.clip.detections import FrameMotion
 from blurmatte.sweep import MotionPrior
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.motion.clip.clip_path import ClipPath
-from blurmatte.motion.clip.clip_radius import ClipRadius
+from blurmatte.motion.clip.clip_path import ClipPath, ClipRadius
 from blurmatte.motion.clip.detections import FrameMotion
 
 _MIN_FRAMES = 8  # for a scatter

@@ -31,7 +31,6 @@ from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
-from blurmatte.motion.clip.progress import LOG, logged
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
@@ -41,7 +40,7 @@ from blurmatte.motion.clip.solving import (
     rows_to_solve,
     wanted_frames,
 )
-from blurmatte.motion.clip.workers import Failure, Workers, parts_of, shared, successes
+from blurmatte.motion.clip.workers import LOG, Failure, Workers, logged, parts_of, shared, successes
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import coded_frames, each_coded
 

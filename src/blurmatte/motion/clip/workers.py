@@ -2,12 +2,15 @@
 
 They are those of `concurrent.futures`, not of joblib: with its loky, too, a task of a killed process
 must be submitted again, interrupts ignored and the work sent once: only `_save` and `_loaded` would go.
+
+The log says how far a stage is; programs and terminals show it.
 """
 
 from __future__ import annotations
 
 import concurrent.futures
 import ctypes
+import logging
 import mmap
 import multiprocessing
 import os
@@ -15,6 +18,7 @@ import pickle
 import signal
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -37,6 +41,9 @@ _M_MMAP_THRESHOLD = -3  # its number in malloc.h
 _MMAP_THRESHOLD_BYTES = 2 << 20
 
 Result = TypeVar("Result")
+T = TypeVar("T")
+
+LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage, and after each frame
 
 _work: tuple[Path, Callable[..., Any]] | None = None
 
@@ -351,3 +358,14 @@ def _loaded(path: Path, shared: bool) -> Any:
         array, at = part(at, size)
         arrays.append(array)
     return pickle.loads(data, buffers=arrays)
+
+
+def logged(things: Iterable[T], stage: str, count: int) -> Iterator[T]:
+    """The same; the log says how many are done and when all will be, in words and as `counted`."""
+    begun = time.monotonic()
+    LOG.info(stage)
+    for done, thing in enumerate(things, 1):
+        seconds = (time.monotonic() - begun) * (count - done) / done
+        counted = {"counted": (done, count, seconds)}
+        LOG.info(f"{stage}: {done} of {count}, {seconds:.0f} s remain", extra=counted)
+        yield thing
