@@ -56,6 +56,33 @@ def test_options_that_need_a_plate_are_refused(photo, tmp_path, options, says):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.battery
+def test_photograph_is_measured_in_one_command(photo, tmp_path):
+    """Exact: alpha sums to 320, of a bar whose middle is at (55.5, 39.5)."""
+    out = tmp_path / "motion.json"
+    guessed = ("--plate", "none", "--region", "28,24,84,56")
+    size = ("--scale", "1mm", "--exposure", "1/60")
+    result = run("measure", photo, *guessed, *size, "--out", out)
+    assert result.exit_code == 0, result.stderr
+    assert "the plate is a guess" in result.stdout.splitlines()[0]
+    found = json.loads(out.read_text())
+    assert abs(found["x"] - 55.5) < max(3 * found["x_std"], 1)
+    assert abs(found["y"] - 39.5) < max(3 * found["y_std"], 1)
+    assert "km/h" in result.stdout
+
+
+def test_measure_of_a_guess_needs_a_region(photo):
+    result = run("measure", photo, "--plate", "none")
+    assert result.exit_code == 2
+    assert "needs --region" in result.stderr
+
+
+def test_region_of_a_layer_is_refused(bar):
+    result = run("measure", bar, "--region", "28,24,84,56")
+    assert result.exit_code == 2
+    assert "--region needs --plate" in result.stderr
+
+
 @pytest.fixture(scope="module")
 def bar(tmp_path_factory):
     """The layer of the bar."""

@@ -12,6 +12,7 @@ import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
+from blurmatte.cli.picture_solving import solved_picture_at
 from blurmatte.cli.quantities import (
     LENGTH,
     SIZE,
@@ -25,7 +26,14 @@ from blurmatte.cli.quantities import (
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.selection import GUESSED, Layer, Reading, guess_behind
+from blurmatte.cli.selection import (
+    GUESSED,
+    CameraReading,
+    Layer,
+    Reading,
+    Region,
+    guess_behind,
+)
 
 PLANE = "A plane"
 DRAWING = "Drawing"
@@ -78,12 +86,27 @@ class Drawing:
             raise ValueError("--image needs --overlay, the file to draw to")
 
 
+@dataclass(frozen=True)
+class Unsolved:
+    """What is needed to solve a picture that is given instead of a layer."""
+
+    plate: Annotated[
+        Path | None, option("FILE|none", "LAYER is a picture: solve it; none: guess.")
+    ] = None
+    region: Region = None
+
+    def __post_init__(self) -> None:
+        if self.region is not None and self.plate is None:
+            raise ValueError("--region needs --plate: a layer.exr is solved already")
+
+
 @command(
     "measure out/layer.exr --diameter 4cm --exposure 1/60",
-    "measure out/layer.exr --json",
+    "measure throw.png --plate none --region 90,80,310,230 --diameter 4cm",
 )
 def measure(
     layer: Layer,
+    picture: Unsolved,
     scale: ScaleOptions,
     timing: ExposureTiming,
     drawing: Drawing,
@@ -96,13 +119,13 @@ def measure(
 ) -> None:
     """Measure the motion in LAYER: place, length, speed and size.
 
-    For a clip see track, for places in space locate.
+    A picture with --plate is solved first. For a clip see track, for places in space locate.
     """
     check_file(out, "a motion", ".json", ".csv")
     time, time_std = _time(timing.exposure)
     line = None if timing.line_time is None else time_of_line("--line-time", timing.line_time)
     going = direction("--going", timing.going)
-    solution, motion = _read(layer, reading)
+    solution, motion = _read(layer, reading, picture)
     if readout := direction("--readout", timing.readout):
         motion = replace(motion, readout=readout)
     with about(layer), waiting("measuring"):
@@ -112,9 +135,9 @@ def measure(
             exposed = (motion.exposure_time if time is None else time, time_std)
             found.append(_rotation(solution, exposed))
     if drawing.overlay is not None and drawing.image is not None:
-        picture = reading.read(drawing.image)
+        background = reading.read(drawing.image)
         with about(drawing.overlay):
-            bm.write(drawing.overlay, bm.figures.draw_motion(picture, solution, motion))
+            bm.write(drawing.overlay, bm.figures.draw_motion(background, solution, motion))
     _answer(solution, motion, found, out, as_json)
 
 
@@ -215,8 +238,15 @@ def _time(text: str | None) -> tuple[float | None, float]:
     return (None, 0.0) if text is None else time_of_exposure("--exposure", text)
 
 
-def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.motion.Motion]:
-    """The solution and its motion; a folder of results holds one."""
+def _read(
+    layer: Path, reading: Reading, picture: Unsolved | None = None
+) -> tuple[bm.Solution, bm.motion.Motion]:
+    """The solution and its motion; a folder of results holds one, a picture with its plate has one."""
+    if picture is not None and picture.plate is not None:
+        camera = CameraReading(reading.transfer, reading.max_pixels)
+        solution = solved_picture_at(layer, picture.plate, picture.region, camera)
+        with about(layer):
+            return solution, bm.measure_motion(solution)
     inside = layer / "layer.exr"
     path = inside if inside.is_file() else layer
     with about(path):

@@ -6,8 +6,6 @@ import logging
 import math
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,6 +31,13 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.output_checks import check_file, check_folder
+from blurmatte.cli.picture_solving import (
+    PictureOptions,
+    also_moved,
+    check_guess,
+    naming_streaks,
+    solved,
+)
 from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
@@ -68,35 +73,6 @@ class SolvingOptions:
         return (self.region, self.occluder, self.solver) != (None, None, "auto")
 
 
-@dataclass(frozen=True, eq=False)
-class _PictureOptions:
-    """Options that apply to all images."""
-
-    reading: CameraReading
-    plates: list[bm.LinearImage]  # none: it is guessed from the surroundings of the region
-    notes: list[str]  # warnings of reading the plate
-    selection: Selection
-    occluder: Path | None
-    solver: bm.matting.Solver | None
-    matching: bm.background.Matching | None
-
-    def with_plate(
-        self, image: bm.LinearImage
-    ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match]:
-        """An image, its plate at that moment, and the match; the image has the noise of a guess."""
-        if len(self.plates) > 1:
-            plate, matches = bm.background.burst_plate(image, self.plates, self.matching)
-            return image, plate, max(matches, key=lambda match: match.reach)
-        for plate in self.plates:
-            match = bm.background.fit_match(image, plate, self.matching)
-            return image, match.apply(plate), match
-        region = self.selection.inside(image.size)
-        assert region is not None
-        plate = bm.background.guess_plate(image, region.mask)
-        image = image if image.noise is not None else image.with_noise(plate.image_noise)
-        return image, plate, bm.background.Match.nothing(image.size)
-
-
 @command(
     "solve throw.png --plate empty_room.png -o out/",
     "solve throw.png --plate none --region 90,80,310,230 -o out/",
@@ -123,7 +99,12 @@ def solve(
     solver, selection = how.solver, Selection(reading, colors, how.region)
     of_clip = clip.means_clip(images, out, next(iter(plate.files), None), how.of_each_picture)
     if plate.is_guessed:
-        _check_guess(plate.match, how, reading.transfer, of_clip)
+        if of_clip:
+            raise ValueError(
+                "--plate none guesses the scene behind the object in a picture alone; the plate of a "
+                "clip is made from its frames: leave --plate out"
+            )
+        check_guess(plate.match, how.region, how.solver, reading.transfer)
     if of_clip:
         method = _limited(_clip_solver(solver, colors), how)
         solve_clip(images, plate, out, selection, clip, how.occluder, method, required, as_json)
@@ -156,7 +137,7 @@ def solve(
     }
     matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
     row = replace(row, settings=settings)
-    task = _PictureOptions(reading, plates, notes, selection, how.occluder, method, matching)
+    task = PictureOptions(reading, plates, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
@@ -164,7 +145,7 @@ def solve(
 class _OneOfRow:
     """Solves one image of a row; runs in any process."""
 
-    task: _PictureOptions
+    task: PictureOptions
     verbosity: Verbosity
 
     def __call__(self, path: Path, folder: Path) -> PrintedAnswer:
@@ -181,38 +162,18 @@ class _OneOfRow:
         return solved_picture(path, folder, solution, lines)
 
 
-def _solve_one(task: _PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
+def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
     """Solve one image and write its results; what is printed of them."""
     from blurmatte.explain.calibration import parallax_in_words
-    from blurmatte.explain.grade import doubts
     from blurmatte.explain.solution import usable_all_the_same
 
-    log = logging.getLogger("blurmatte")
     with about(path) as said:
-        log.info("reading the picture")
-        C = task.reading.read(path, said)
-        C, matched, match = task.with_plate(C)
-        streak = task.selection.streak(C, matched)
-        hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
-        with _naming_streaks(streak, C, matched):
-            solution = bm.solve(
-                C,
-                matched,
-                task.selection.model(C, matched, streak),
-                None if task.solver is None else task.solver.matched(match),
-                streak=streak,
-                matching=bm.background.Matching.NONE,
-                occluder=hidden,
-            )
-        solution = replace(solution, stats=solution.stats.with_match(match))
-        for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
-            said.append(f"{path}: {doubt.rstrip('.')}")
-            warn(said[-1])
+        C, matched, match, solution = solved(task, path, said)
         regions = _parallax(C, matched, match, solution)
         for sentence in parallax_in_words(regions):
             said.append(f"{path}: {sentence.rstrip('.')}")
             warn(said[-1])
-        log.info("writing the results")
+        logging.getLogger("blurmatte").info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
         bm.results.save_parallax(folder, C, regions)
@@ -255,33 +216,11 @@ def color(
         C = reading.read(path, said)
         B = bm.match_plate(B, C, matching_of(plate.match))
         streak = selection.streak(C, B)
-        with _naming_streaks(streak, C, B):
+        with naming_streaks(streak, C, B):
             model = selection.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
     answer(as_json, color_numbers(model), [in_degrees(model), *swatches(model), *bm.explain(model)])
-
-
-def _check_guess(match: str, how: SolvingOptions, transfer: str | None, of_clip: bool) -> None:
-    """Raise ValueError for options that a guess of the plate contradicts."""
-    if of_clip:
-        raise ValueError(
-            "--plate none guesses the scene behind the object in a picture alone; the plate of a clip "
-            "is made from its frames: leave --plate out"
-        )
-    if how.region is None:
-        raise ValueError(
-            "--plate none needs --region, where the object may have been: what is behind it is guessed "
-            "from the scene around that"
-        )
-    if match not in ("auto", "none"):
-        raise ValueError(f"--match {match} needs a plate; with --plate none leave it out")
-    if how.solver.startswith("shaded"):
-        raise ValueError("--solver shaded needs a plate: a guess does not show what is a shadow")
-    if transfer == "auto":
-        raise ValueError(
-            "--transfer auto compares image and plate; with --plate none name the curve"
-        )
 
 
 def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReading:
@@ -392,61 +331,6 @@ def _required(name: str | None) -> bm.Grade | None:
     return None if name is None else bm.Grade(name)
 
 
-@contextmanager
-def _naming_streaks(
-    streak: bm.streaks.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
-) -> Iterator[None]:
-    """Add the streaks that were found to an error, unless a region was given."""
-    try:
-        yield
-    except (bm.errors.ColorModelError, bm.errors.MotionError) as error:
-        found = [] if streak is not None else bm.find_streaks(image, plate)
-        if not found:
-            raise
-        first, *others = found
-        boxes = [other.box for other in others if other.significant]
-        more = "".join(f"; {line}" for line in _also_moved(boxes, len(others) - len(boxes)))
-        where = f"The strongest is the streak in {_as_region(first.box)} (X0,Y0,X1,Y1){more}"
-        raise type(error)(f"{error}. {where}") from error
-
-
-def _also_moved(boxes: Sequence[Sequence[int]], insignificant: int, most: int = 5) -> list[str]:
-    """Boxes of what else moved, the strongest first, and how many may be noise; one line or none."""
-    if not boxes:
-        return []
-    named = " ".join(map(_as_region, boxes[:most]))
-    more = f" and {len(boxes) - most} more" if len(boxes) > most else ""
-    weak = f"; {insignificant} more may be noise or compression" if insignificant else ""
-    return [f"also moved, choose with --region: {named}{more}{weak}"]
-
-
-def _as_region(box: Sequence[int]) -> str:
-    """A box as a value of --region."""
-    return ",".join(map(str, box))
-
-
-def _curve_doubts(
-    image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, reading: CameraReading
-) -> list[str]:
-    """A warning if a disc of one color fits only with another transfer curve."""
-    curves = image.meta.transfer, plate.meta.transfer
-    alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if reading.transfer is not None or not alike or isinstance(plate, bm.background.PlateGuess):
-        return []
-    sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
-    if sweep is not None and sweep.model.rank == 1:
-        silhouette = sweep.silhouette
-        if silhouette.is_disc and not silhouette.has("rates"):
-            return []
-    fit = bm.sweep.fit_transfer(image, plate, bm.streaks.Streak(solution.streak))
-    if fit.best is fit.curves[0]:
-        return []
-    return [
-        f"light looks bent: with --transfer {fit.best.name} a disc of one color explains the streak, "
-        f"with {fit.curves[0].name} none does"
-    ]
-
-
 def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Path) -> list[str]:
     """Alternatives, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain.grade import also_fits
@@ -455,5 +339,5 @@ def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Pat
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
     stats = solution.stats
-    lines += _also_moved(stats.other_boxes, stats.insignificant_others)
+    lines += also_moved(stats.other_boxes, stats.insignificant_others)
     return [*lines, str(folder / "overview.png")]

@@ -1,0 +1,157 @@
+"""One picture solved, for the commands that need its solution."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import blurmatte as bm
+from blurmatte.cli.console import about, warn
+from blurmatte.cli.selection import GUESSED, CameraReading, ObjectColor, Selection
+
+
+@dataclass(frozen=True, eq=False)
+class PictureOptions:
+    """Options that apply to all images."""
+
+    reading: CameraReading
+    plates: list[bm.LinearImage]  # none: it is guessed from the surroundings of the region
+    notes: list[str]  # warnings of reading the plate
+    selection: Selection
+    occluder: Path | None
+    solver: bm.matting.Solver | None
+    matching: bm.background.Matching | None
+
+    def with_plate(
+        self, image: bm.LinearImage
+    ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match]:
+        """An image, its plate at that moment, and the match; the image has the noise of a guess."""
+        if len(self.plates) > 1:
+            plate, matches = bm.background.burst_plate(image, self.plates, self.matching)
+            return image, plate, max(matches, key=lambda match: match.reach)
+        for plate in self.plates:
+            match = bm.background.fit_match(image, plate, self.matching)
+            return image, match.apply(plate), match
+        region = self.selection.inside(image.size)
+        assert region is not None
+        plate = bm.background.guess_plate(image, region.mask)
+        image = image if image.noise is not None else image.with_noise(plate.image_noise)
+        return image, plate, bm.background.Match.nothing(image.size)
+
+
+def solved_picture_at(
+    path: Path, plate: Path, region: str | None, reading: CameraReading
+) -> bm.Solution:
+    """The solution of one picture, for commands that write no layer; warns of its doubts."""
+    if plate == GUESSED:
+        check_guess("auto", region, "auto", reading.transfer)
+    notes: list[str] = []
+    plates = [] if plate == GUESSED else [reading.read(plate, notes)]
+    matching = bm.background.Matching.NONE if plate == GUESSED else None
+    selection = Selection(reading, ObjectColor(), region)
+    task = PictureOptions(reading, plates, notes, selection, None, None, matching)
+    with about(path) as said:
+        return solved(task, path, said)[-1]
+
+
+def solved(
+    task: PictureOptions, path: Path, said: list[str]
+) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match, bm.Solution]:
+    """One image, its matched plate, the match, and the solution, whose doubts are added to said."""
+    from blurmatte.explain.grade import doubts
+
+    logging.getLogger("blurmatte").info("reading the picture")
+    C = task.reading.read(path, said)
+    C, matched, match = task.with_plate(C)
+    streak = task.selection.streak(C, matched)
+    hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
+    with naming_streaks(streak, C, matched):
+        solution = bm.solve(
+            C,
+            matched,
+            task.selection.model(C, matched, streak),
+            None if task.solver is None else task.solver.matched(match),
+            streak=streak,
+            matching=bm.background.Matching.NONE,
+            occluder=hidden,
+        )
+    solution = replace(solution, stats=solution.stats.with_match(match))
+    for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
+        said.append(f"{path}: {doubt.rstrip('.')}")
+        warn(said[-1])
+    return C, matched, match, solution
+
+
+def check_guess(match: str, region: str | None, solver: str, transfer: str | None) -> None:
+    """Raise ValueError for options that a guess of the plate contradicts."""
+    if region is None:
+        raise ValueError(
+            "--plate none needs --region, where the object may have been: what is behind it is guessed "
+            "from the scene around that"
+        )
+    if match not in ("auto", "none"):
+        raise ValueError(f"--match {match} needs a plate; with --plate none leave it out")
+    if solver.startswith("shaded"):
+        raise ValueError("--solver shaded needs a plate: a guess does not show what is a shadow")
+    if transfer == "auto":
+        raise ValueError(
+            "--transfer auto compares image and plate; with --plate none name the curve"
+        )
+
+
+@contextmanager
+def naming_streaks(
+    streak: bm.streaks.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
+) -> Iterator[None]:
+    """Add the streaks that were found to an error, unless a region was given."""
+    try:
+        yield
+    except (bm.errors.ColorModelError, bm.errors.MotionError) as error:
+        found = [] if streak is not None else bm.find_streaks(image, plate)
+        if not found:
+            raise
+        first, *others = found
+        boxes = [other.box for other in others if other.significant]
+        more = "".join(f"; {line}" for line in also_moved(boxes, len(others) - len(boxes)))
+        where = f"The strongest is the streak in {_as_region(first.box)} (X0,Y0,X1,Y1){more}"
+        raise type(error)(f"{error}. {where}") from error
+
+
+def also_moved(boxes: Sequence[Sequence[int]], insignificant: int, most: int = 5) -> list[str]:
+    """Boxes of what else moved, the strongest first, and how many may be noise; one line or none."""
+    if not boxes:
+        return []
+    named = " ".join(map(_as_region, boxes[:most]))
+    more = f" and {len(boxes) - most} more" if len(boxes) > most else ""
+    weak = f"; {insignificant} more may be noise or compression" if insignificant else ""
+    return [f"also moved, choose with --region: {named}{more}{weak}"]
+
+
+def _as_region(box: Sequence[int]) -> str:
+    """A box as a value of --region."""
+    return ",".join(map(str, box))
+
+
+def _curve_doubts(
+    image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, reading: CameraReading
+) -> list[str]:
+    """A warning if a disc of one color fits only with another transfer curve."""
+    curves = image.meta.transfer, plate.meta.transfer
+    alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
+    if reading.transfer is not None or not alike or isinstance(plate, bm.background.PlateGuess):
+        return []
+    sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
+    if sweep is not None and sweep.model.rank == 1:
+        silhouette = sweep.silhouette
+        if silhouette.is_disc and not silhouette.has("rates"):
+            return []
+    fit = bm.sweep.fit_transfer(image, plate, bm.streaks.Streak(solution.streak))
+    if fit.best is fit.curves[0]:
+        return []
+    return [
+        f"light looks bent: with --transfer {fit.best.name} a disc of one color explains the streak, "
+        f"with {fit.curves[0].name} none does"
+    ]
