@@ -186,9 +186,9 @@ export class Painter {
     const above = TILE * scale * y;
     let missing = false;
     ["picture", "plate", "layer", "error"].forEach((name, unit) => {
-      const part = item.parts[name];
+      const part = needs(item.mode, name) || name === "picture" ? item.parts[name] : null;
       const found = part ? this.texture(part, level, top, x, y, item.size) : null;
-      if (part && needs(item.mode, name) && !found) missing = true;
+      if (part && !found && needs(item.mode, name)) missing = true;
       this.bind(this.lights, name, unit, found ? found.texture : this.black, zoom >= 2);
       if (!found) return gl.uniform4f(this.lights.at(`${name}Box`), 0, 0, 1, 1);
       const k = 2 ** found.level; // the tile's place in the texture, which may be a coarser one
