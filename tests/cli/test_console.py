@@ -5,7 +5,15 @@ import logging
 
 import pytest
 
-from blurmatte.cli.console import STAGES, Verbosity, printing, waiting, with_progress
+from blurmatte.cli.console import (
+    STAGES,
+    Verbosity,
+    listening,
+    printing,
+    waiting,
+    with_progress,
+)
+from blurmatte.motion.clip.progress import logged
 
 
 class Screen(io.StringIO):
@@ -55,3 +63,13 @@ def test_no_progress_without_terminal(capsys):
     assert list(with_progress([1, 2], "solving")) == [1, 2]
     assert capsys.readouterr().err == ""
     assert list(with_progress(iter("ab"), "solving", count=2)) == ["a", "b"]
+
+
+def test_frames_that_the_log_counts_are_progress_for_a_listener():
+    got = []
+    with printing(Verbosity()), listening(got.append), waiting("reading the clip"):
+        for _ in logged("abc", "measuring", 3):
+            pass
+    assert [(now.done, now.of) for now in got] == [(0, None), (0, None), (1, 3), (2, 3), (3, 3)]
+    assert got[1].stage == "measuring"
+    assert got[-1].seconds_left == 0

@@ -133,12 +133,10 @@ def test_a_clip_that_is_cancelled_and_resumed_has_the_bytes_of_one_that_was_not(
         line = ["solve", clip, "--plate", scene, "-o", {"out": ""}, "--json", "--workers", "2"]
         line += ["--solver", "pixelwise"]
         job = session.add(line, "cut")
-        manifest, counts = job.folder / "manifest.jsonl", set()
+        manifest = job.folder / "manifest.jsonl"
         while not (manifest.exists() and manifest.read_bytes().count(b"\n") > 4):
             assert not job.ended, job.said
-            counts.add((job.status["done"], job.status["of"]))
             await asyncio.sleep(0.02)
-        assert (6, 6) in counts  # measured
         begun = time.monotonic()
         await session.cancel(job)
         assert time.monotonic() - begun < 2
