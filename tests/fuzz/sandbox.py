@@ -134,7 +134,7 @@ class Sandbox:
             plate, color = self.seeds / "plate.png", ("--color", "#ffc032")
             out = self.folder / "warm"
             solve = "solve", str(self.seeds / "image.png"), "--plate", str(plate), *color
-            self._run([*solve, "--solver", "pixelwise", "--out", str(out)])
+            self._run([*solve, "--solver", "pixelwise", "--transfer", "srgb", "--out", str(out)])
         return self._child
 
 

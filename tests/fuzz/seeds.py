@@ -181,9 +181,10 @@ def _write_results(folder):
             app([str(arg) for arg in (*args, "-q")], standalone_mode=False)
 
     image, plate = folder / "image.png", folder / "plate.png"
+    given = "--color", COLOR, "--transfer", "srgb"  # nothing else is tried
     for solver in ("pixelwise", "swept"):
         out = folder / solver
-        run("solve", image, "--plate", plate, "--solver", solver, "--color", COLOR, "--out", out)
+        run("solve", image, "--plate", plate, "--solver", solver, *given, "--out", out)
         (out / "layer.exr").rename(folder / f"{solver}.exr")
         (out / "layer.png").rename(folder / f"{solver}.png")
         for file in out.iterdir():
