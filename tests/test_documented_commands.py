@@ -41,9 +41,10 @@ EXTRAS = {
     "plot": "matplotlib",
     "raw": "rawpy",
     "tables": "pyarrow",
+    "ui": "starlette",
     "video": "av",
 }
-# Need a server, a terminal's shell, or another object than a ball
+# Need a server, a terminal's shell, or another object than a ball; `ui` runs until it is ended
 ELSEWHERE = ("--scheduler", "--install-completion", "--rotation")
 
 
@@ -56,7 +57,11 @@ def documented():
             yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
 
 
-CALLS = sorted({call for call in documented() if not any(word in call for word in ELSEWHERE)})
+CALLS = sorted(
+    call
+    for call in set(documented())
+    if call.split()[0] != "ui" and not any(word in call for word in ELSEWHERE)
+)
 
 
 def seen(light, seed):

@@ -88,6 +88,7 @@ JPEG = _picture(
     *("JPEG", "jpg jpeg jpe jfif jif", rb"\xff\xd8\xff", "OpenImageIO"),
     Writes.PICTURE | Writes.SHEET,
 )
+FITS = _picture("FITS", "fits fit fts", rb"SIMPLE  =", "OpenImageIO")
 BMP = _picture("BMP", "bmp dib", rb"BM.{4}\0{4}", "OpenImageIO")
 WEBP = _picture("WebP", "webp", rb"RIFF.{4}WEBP", "Pillow", Writes.CLIP)
 AVIF = _picture("AVIF", "avif", rb".{4}ftyp(avi[fs]|mif1.{4}(.{4})*?avif)", "Pillow")
@@ -109,7 +110,7 @@ GIF = _clip("GIF", "gif", rb"GIF8[79]a", Writes.CLIP)
 
 # The first one whose content matches is meant. In the order in which choices are listed for people.
 FORMATS = (
-    *(RAW, EXR, PNG, TIFF, JPEG, WEBP, BMP, AVIF, HEIC),
+    *(RAW, EXR, PNG, TIFF, JPEG, WEBP, BMP, AVIF, HEIC, FITS),
     _other("JPEG XL", "jxl", rb"\xff\x0a|\0{3}\x0cJXL "),
     _other("JPEG 2000", "jp2 j2k jpx", rb"\0{3}\x0cjP  |\xff\x4f\xff\x51"),
     *(MOV, MP4, GIF),
@@ -131,7 +132,6 @@ FORMATS = (
     _other("icon", "ico", rb"\0\0\x01\0[^\0]\0"),
     _other("TARGA", "tga", b""),
     _other("DDS", "dds", rb"DDS "),
-    _other("FITS", "fits fit", rb"SIMPLE  =", "convert it to a TIFF or an EXR of floats"),
     _other("SGI", "sgi rgb", rb"\x01\xda[\0\x01][\x01\x02]"),
     _other("PDF", "pdf", rb"%PDF", "export it as PNG or TIFF"),
     _other("ZIP archive", "zip", rb"PK\x03\x04", "unpack it"),

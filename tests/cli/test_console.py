@@ -13,7 +13,7 @@ from blurmatte.cli.console import (
     waiting,
     with_progress,
 )
-from blurmatte.motion.clip.progress import logged
+from blurmatte.motion.clip.workers import logged
 
 
 class Screen(io.StringIO):

@@ -83,6 +83,7 @@ HEADS = {
     "Matroska": b"\x1a\x45\xdf\xa3", "AVI": b"RIFF\1\2\3\4AVI LIST", "MPEG": b"\0\0\1\xba",
     "MPEG transport stream": b"G" + bytes(187) + b"G", "JPEG XL": b"\xff\x0a\1", "PNM": b"P6\n8 8",
     "Photoshop": b"8BPS\0\1", "web page or drawing": b"<!DOCTYPE html>", "playlist": b"#EXTM3U\n",
+    "FITS": b"SIMPLE  =                    T",
 }  # fmt: skip
 
 

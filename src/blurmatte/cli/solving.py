@@ -112,11 +112,7 @@ def solve(
     from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
 
     if not plate.files:
-        raise ValueError(
-            "a single picture needs --plate, the same scene without the object: photograph it, or take "
-            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'), or "
-            "guess it: --plate none --region X0,Y0,X1,Y1; see blurmatte solve --help"
-        )
+        raise _plate_missing(images)
     method = _limited(_solver(solver, colors), how)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
@@ -139,6 +135,21 @@ def solve(
     row = replace(row, settings=settings)
     task = PictureOptions(reading, plates, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
+
+
+def _plate_missing(images: list[str]) -> ValueError:
+    """The error for pictures without a plate; a shell makes a list of a pattern without quotes."""
+    if len(images) > 1:
+        return ValueError(
+            f"{len(images)} pictures in a list are solved one by one, and need --plate; in quotes, a "
+            "pattern means frames of a still camera, of which the plate is made: '*.jpg'; "
+            "see blurmatte solve --help"
+        )
+    return ValueError(
+        "a single picture needs --plate, the same scene without the object: photograph it, or take "
+        "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg'), or "
+        "guess it: --plate none --region X0,Y0,X1,Y1; see blurmatte solve --help"
+    )
 
 
 @dataclass(frozen=True, eq=False)

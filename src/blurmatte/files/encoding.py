@@ -27,7 +27,7 @@ from blurmatte.files.icc import (
 )
 from blurmatte.files.png import PngHeader
 from blurmatte.files.raster import CICP, DCF, IS_SRGB, PRIMARIES, Raster
-from blurmatte.formats import EXR
+from blurmatte.formats import EXR, FITS
 from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma
 
 
@@ -105,6 +105,8 @@ def _stated(raster: Raster, given: Curves | None) -> Profile | None:
         return _from_cicp(raster.path, raster.tags[CICP], given)
     if raster.format is EXR:
         return _from_exr(raster, given)
+    if raster.format is FITS and raster.levels:
+        return Profile(given or (LINEAR,) * 3, None)
     if raster.tags.get("Exif:ColorSpace") == _IS_ADOBE or raster.tags.get(DCF) == b"R03":
         return Profile(given or (gamma(563 / 256),) * 3, matrix_to_srgb(ADOBE_RGB))
     return None

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Codes8, Direction, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError
+from blurmatte.files import fits
 from blurmatte.files.errors import (
     check_format,
     check_size,
@@ -36,7 +37,7 @@ from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbe
 from blurmatte.files.exr_blocks import distinct_blocks, repeat_blocks, written_rows
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
-from blurmatte.formats import BMP, EXR, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
+from blurmatte.formats import BMP, EXR, FITS, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
 from blurmatte.jpeg import JpegError, check_header, metadata_segments
 
 # Other attributes are not read: they may hold text in an unknown encoding.
@@ -53,6 +54,7 @@ _TAGS = (
     ),
     *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
+    *fits.CARDS,
 )
 # Some cameras pad the end of a JPEG; every other complaint of libjpeg means lost pixels.
 _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")
@@ -215,11 +217,17 @@ def _stored(
         check_square_pixels(path, (spec.width, spec.height), _pixel_aspect(path, form, spec))
         found = {name: spec.getattribute(name) for name in _TAGS}
         tags = {name: value for name, value in found.items() if value is not None}
-        check_format(path, form, spec, tags)
+        if form is FITS:
+            fits.check_cards(path, str(spec.format), tags)
+            tags |= fits.exposure_time(tags)
+        else:
+            check_format(path, form, spec, tags)
         kept = wanted_channels(path, tuple(spec.channelnames), names)
         if form is BMP:  # most programs leave its fourth byte 0
             kept = tuple(name for name in kept if name != "A")
         pixels = _pixels(path, form, source, spec, kept)
+        if form is FITS:
+            pixels = fits.in_codes(path, pixels, tags)
         if tags.get("tiff:PhotometricInterpretation") == 0:
             pixels = _white_is_top(path, pixels, kept, tags)
         return page, pixels, kept, tags, spec
@@ -295,7 +303,7 @@ def _exif_block(path: Path, form: Format, png: PngHeader | None) -> bytes | mmap
     """EXIF of a PNG or JPEG; a TIFF is such a block itself."""
     if png is not None:
         return png.exif.removeprefix(EXIF_MARK)
-    if form is BMP:
+    if form in (BMP, FITS):
         return b""
     if form is JPEG:
         bodies = (segment[4:] for segment in metadata_segments(path.read_bytes()))
@@ -352,7 +360,8 @@ def _pixels(
     path: Path, form: Format, source: Any, spec: Any, names: tuple[str, ...]
 ) -> npt.NDArray[Any]:
     at = [spec.channelnames.index(name) for name in names]
-    dtype = str(spec.format) if str(spec.format).startswith("uint") else "float"
+    kind = str(spec.format)
+    dtype = kind if kind.startswith("uint") or (form is FITS and kind == "int16") else "float"
     with _silent(form):
         pixels = source.read_image(source.current_subimage(), 0, min(at), max(at) + 1, dtype)
     complaints = [line for line in source.geterror().splitlines() if not _HARMLESS.search(line)]

@@ -31,9 +31,10 @@ def read(
 ) -> LinearImage:
     """Read a picture as linear light.
 
-    PNG, JPEG, TIFF (8 and 16 bit, float), OpenEXR, BMP, WebP, AVIF, and HEIC (the extra `heic`), with
-    the primaries of sRGB; the content of a file decides, not its extension. ICC profile and EXIF
-    orientation are applied; EXR and float TIFF are linear unless a profile states otherwise. The
+    PNG, JPEG, TIFF (8 and 16 bit, float), OpenEXR, FITS, BMP, WebP, AVIF, and HEIC (the extra
+    `heic`), with the primaries of sRGB; the content of a file decides, not its extension. ICC profile
+    and EXIF orientation are applied; EXR, FITS and float TIFF are linear unless a profile states
+    otherwise. The
     variance and the valid pixels that `write` stores in an EXR are restored.
     Camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, needs the
     extra `raw`.
