@@ -86,7 +86,7 @@ def test_frames_of_joined_files_are_counted_and_their_times_go_on(tmp_path, kind
     path = tmp_path / f"joined.{kind}"
     path.write_bytes(b"".join(parts))
     with pytest.warns(
-        bm.errors.BlurmatteWarning, match="time stamps go back at frame 16: each goes on"
+        bm.errors.BlurmatteWarning, match="time stamps go back at frame 16: each continues"
     ):
         frames = read_frames(path, REC709)
     assert np.allclose(np.diff(frames.times), 1 / 25)
