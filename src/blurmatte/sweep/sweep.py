@@ -187,7 +187,7 @@ class Sweep:
 
     def outline_at(self, t: float) -> Array:
         """(129, 2) closed outline in the picture at exposure fraction t, pixels."""
-        when = np.array([t])
+        when = np.array([t], float)
         (linear,), (center,) = (
             self.silhouette.map_at(self.shape, when),
             self.family.at(self.path, when)[0],
