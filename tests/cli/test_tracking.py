@@ -289,6 +289,6 @@ def test_track_refuses_in_one_line(track, options, complaint, tmp_path, monkeypa
 def test_starts_no_more_processes_than_frames(track, monkeypatch):
     """Exact."""
     asked = []
-    monkeypatch.setattr(bm, "Workers", lambda count: asked.append(count) or Workers(1))
+    monkeypatch.setattr(bm.motion, "Workers", lambda count: asked.append(count) or Workers(1))
     track("--workers", 1000, "--frames", ":2")
     assert asked == [2]
