@@ -15,8 +15,9 @@ from typing import ClassVar
 
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
+from blurmatte.sweep.fit.free import fit_free
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
-from blurmatte.sweep.fit.outline import fit_growing, fit_outline
+from blurmatte.sweep.fit.outline import HIGHEST_ORDER, fit_growing, fit_outline
 from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.fit.residuals import (
     residual_excess,
@@ -25,6 +26,7 @@ from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
@@ -146,6 +148,31 @@ class Outline(Hypothesis):
 
 
 @dataclass(frozen=True)
+class FreeSilhouette(Hypothesis):
+    """Any silhouette that neither turns nor changes, with holes and several parts."""
+
+    in_words = "a free silhouette"
+    follows_shadow = True
+
+    def is_worth_fitting(self, fits: Fits) -> bool:
+        """Also if only an outline of the highest order explains it; not if it is seen through."""
+        disc = fits.disc
+        if fits.is_known_disc or disc.silhouette.opacity < 1 or disc.observation.light_alone:
+            return False
+        if fits.explained is None:
+            return True
+        shape = fits.explained[1].silhouette
+        return isinstance(shape, Silhouette) and shape.order == HIGHEST_ORDER
+
+    def fits(self, fits: Fits) -> Iterable[Candidate]:
+        """Of one paint, from the paths of the other shapes."""
+        known = [c.state for c in fits.candidates if c.cast is None]
+        one_paint = [state for state in known if state.observation.color.varied == 1]
+        found = fit_free(one_paint)
+        return [] if found is None else [Candidate(found)]
+
+
+@dataclass(frozen=True)
 class DiscWithShadow(Hypothesis):
     """A disc and the shadow that it casts, of constant size and growing."""
 
@@ -184,7 +211,13 @@ class DiscWithShadow(Hypothesis):
         return fit_with_shadow(start.on(disc.observation), fits.search)
 
 
-HYPOTHESES: tuple[Hypothesis, ...] = (Disc(), GrowingDisc(), Outline(), DiscWithShadow())
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    Disc(),
+    GrowingDisc(),
+    Outline(),
+    FreeSilhouette(),
+    DiscWithShadow(),
+)
 
 
 def is_explained_by(state: State) -> bool:

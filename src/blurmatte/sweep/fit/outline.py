@@ -25,10 +25,11 @@ from blurmatte.sweep.model.state import State, state_at
 # Radius of a disc on large pixels, with a sharp and with a soft rim
 _COARSE_RADIUS_PX = 5.0
 _SOFT_COARSE_RADIUS_PX = 4.0
+HIGHEST_ORDER = 12  # of the outlines that are fitted
 _FIRST_ORDER = 6  # of the outlines that all searches start with
 # Tried on large pixels from the best outline, and on small pixels in turn
 _COARSE_ORDERS = (2, 4, 8)
-_FINE_ORDERS = (4, 8, 12)
+_FINE_ORDERS = (4, 8, HIGHEST_ORDER)
 _RADIUS_BOUNDS = (0.25, 2.5)  # of the disc's radius
 _MAX_COARSE_STEPS = 20
 _MAX_FINE_STEPS = 15

@@ -37,7 +37,9 @@ def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     inflation = likeliest.variance_inflation
     scores = [
         (state.cost - likeliest.cost) / inflation
-        + bic_penalty(state.observation, state.size + (state.family.kink(state.path) is not None))
+        + bic_penalty(
+            state.observation, state.parameters + (state.family.kink(state.path) is not None)
+        )
         + DECISIVE_LOG_BAYES_FACTOR * is_source(state)
         for state in admissible
     ]
@@ -132,4 +134,6 @@ class Candidate:
     def parameters(self) -> int:
         """Number of parameters of path, shape, opacity and shadow."""
         seen_through = self.silhouette.opacity < 1
-        return self.state.size + seen_through + (CastShadow.size if self.cast is not None else 0)
+        return (
+            self.state.parameters + seen_through + (CastShadow.size if self.cast is not None else 0)
+        )

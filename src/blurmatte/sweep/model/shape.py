@@ -72,6 +72,11 @@ class Shape(ABC):
         """Number of parameters."""
         return len(self.names)
 
+    @property
+    def parameters(self) -> int:
+        """Number of all that were fitted, those that it holds included."""
+        return self.size
+
     def has(self, name: str) -> bool:
         """Whether it has a parameter of this name."""
         return name in self.names

@@ -37,6 +37,11 @@ class State:
         return len(self.path) + len(self.shape)
 
     @property
+    def parameters(self) -> int:
+        """Number of all parameters that were fitted, those that the shape holds included."""
+        return len(self.path) + self.silhouette.parameters
+
+    @property
     def radius(self) -> float:
         """The first parameter of the shape, pixels: its size."""
         return float(self.shape[0])
