@@ -26,7 +26,6 @@ from blurmatte.checks import Array, Bools
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT, bic_penalty
-from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.mask import Mask
 from blurmatte.sweep.model.observation import Observation
@@ -258,7 +257,7 @@ class _Problem:
         rows = tuple(map(tuple, cells.tolist()))
         mask = Mask(rows, width, freedom, 0.0)
         state = state_at(self.observation, self.family, path, mask, shape)
-        inflation = variance_inflation(state) * VARIANCE
+        inflation = state.variance_inflation * VARIANCE
         wider = mask.sweep(self.family, path, 1.01 * shape, self.observation.pixels).alpha
         by_rim = float(np.sqrt(((wider - state.swept.alpha) ** 2).sum())) / 0.01
         rim_error = float(np.sqrt(inflation)) * alpha_error / max(by_rim, 1e-9)
