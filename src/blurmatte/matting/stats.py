@@ -150,6 +150,8 @@ class SweepSummary:
         light. Of an opaque object at rest, the part of the exposure during which it was there.
     outlines : (2,) of (n,) of (float, float)
         Points of the outline at the beginning and at the end of the exposure, pixels.
+    outlines_std : (2,) of (n,) of float
+        Their standard deviation across the rim, pixels.
     diagnostics : Diagnostics
         Goodness of the fit.
     shadow : ShadowSummary or None
@@ -168,6 +170,7 @@ class SweepSummary:
     opacity: _Fraction = 1.0
     opacity_std: _Size = 0.0
     outlines: tuple[_Points, ...]
+    outlines_std: tuple[tuple[_Size, ...], ...] = ()
     diagnostics: Diagnostics
     shadow: ShadowSummary | None = None
 
@@ -188,6 +191,9 @@ class SweepSummary:
             opacity_std=sweep.opacity_std,
             outlines=tuple(
                 tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
+            ),
+            outlines_std=tuple(
+                tuple(float(std) for std in sweep.outline_std(t)[::4]) for t in (0, 1)
             ),
             diagnostics=sweep.diagnostics,
             shadow=None if sweep.cast is None else ShadowSummary(**sweep.cast.numbers),

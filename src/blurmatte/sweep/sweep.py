@@ -212,7 +212,7 @@ class Sweep:
             other = replace(self, path=moved[:n], shape=moved[n:]).outline_at(t)
             J[:, k] = ((other - points)[:-1] * normal).sum(axis=1) / std[k]
         variance = np.einsum("pk,kl,pl->p", J, self.covariance, J)
-        rim = np.sqrt(variance + self.silhouette.left_out(self.shape) ** 2)
+        rim = np.sqrt(np.maximum(variance, 0) + self.silhouette.left_out(self.shape) ** 2)
         return np.concatenate([rim, rim[:1]])
 
     def psf(self) -> PointSpread:

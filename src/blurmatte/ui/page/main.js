@@ -124,10 +124,22 @@ function overlay() {
     store.strokes.map((stroke, k) => h("polyline", { key: `s${k}`, class: "stroke", "stroke-width": store.brush, points: stroke.concat(stroke.slice(-1)).map((one) => one.join()).join(" ") })),
     sweep && showsPath && h("polyline", { class: "path", points: line(sweep.xy) }),
     sweep && showsPath && sweep.outlines.map((/** @type {number[][]} */ one, /** @type {number} */ k) => [
-      h("polygon", { class: "band", points: line(one) }), h("polygon", { class: k ? "outline last" : "outline", points: line(one) })]),
+      h("path", { class: "band", "fill-rule": "evenodd", d: band(one, sweep.outlines_std[k] ?? []) }), h("polygon", { class: k ? "outline last" : "outline", points: line(one) })]),
     store.line && h("line", { class: "ruler", x1: store.line[0], y1: store.line[1], x2: store.line[2], y2: store.line[3] }),
     ...clipMarks(),
   ];
+}
+
+/** What lies within one standard deviation of an outline, on both sides. @param {number[][]} points @param {number[]} std */
+function band(points, std) {
+  const n = points.length - 1; // the last is the first
+  const side = (/** @type {number} */ sign) => points.slice(0, n).map(([x, y], k) => {
+    const [before, after] = [points[(k + n - 1) % n], points[(k + 1) % n]];
+    const along = [after[0] - before[0], after[1] - before[1]];
+    const far = sign * (std[k] ?? 0) / (Math.hypot(along[0], along[1]) || 1);
+    return `${x + 0.5 + far * along[1]},${y + 0.5 - far * along[0]}`;
+  });
+  return [1, -1].map((sign) => `M${side(sign).join("L")}Z`).join("");
 }
 
 /** Places of a tracked object: its path, and where it is in this frame. */
