@@ -94,7 +94,7 @@ function PickFields() {
     h(NumberField, { name: "Pick x", value: picked?.x ?? "", onChange: (/** @type {number} */ x) => pickAt(Math.round(x), picked?.y ?? 0) }),
     h(NumberField, { name: "Pick y", value: picked?.y ?? "", onChange: (/** @type {number} */ y) => pickAt(picked?.x ?? 0, Math.round(y)) }),
     picked && h("span", { class: "swatch", style: { background: picked.hex } }),
-    picked && h("button", { onClick: () => change({ colors: [`${picked.x},${picked.y},${store.radius}`] }) }, `Solve with ${picked.hex}`),
+    picked && h("button", { onClick: () => change({ colors: [`${picked.x},${picked.y},${store.radius}`] }) }, `Take ${picked.hex}`),
   ];
 }
 
@@ -110,7 +110,7 @@ function valuesInWords() {
 
 /** What lies over the picture: regions, box, path, ruler. */
 function overlay() {
-  if (store.mode === "over") return null;
+  if (["over", "reference"].includes(store.mode)) return null;
   const found = answer("find")?.regions ?? [];
   const box = Array.isArray(store.region) ? store.region : null;
   const sweep = store.mode === "picture" || store.mode === "result" || store.tab === "Measure" ? solution()?.stats.sweep : null;

@@ -75,7 +75,7 @@ function Colors() {
 
 function MoreOptions() {
   return h("details", null, h("summary", null, "More"),
-    h(FileField, { label: "Sharp picture", source: store.colorFrom, clear: () => change({ colorFrom: null }) }),
+    h(FileField, { label: "Sharp picture", source: store.colorFrom, clear: () => change({ colorFrom: null, mode: "picture" }) }),
     h(FileField, { label: "Occluder", source: store.occluder, clear: () => change({ occluder: null }) }),
     h(Field, { name: "Paints", value: store.rank, hint: "1, 2 or 3: any", onChange: (/** @type {string} */ rank) => change({ rank }) }),
     h(Field, { name: "Brightest light", value: store.maxBrightness, hint: "white is 1", onChange: (/** @type {string} */ maxBrightness) => change({ maxBrightness }) }),

@@ -264,7 +264,7 @@ function take(held, slot) {
   else if (slot === "Over") change({ over: source });
   else if (slot === "Occluder") change({ occluder: source });
   else if (slot === "Region") change({ region: source });
-  else if (slot === "Sharp picture") change({ colorFrom: source });
+  else if (slot === "Sharp picture") change({ colorFrom: source, mode: "reference", tool: "Pick color" });
   else if (slot === "Camera") change({ ruler: { ...store.ruler, camera: source } });
   else if (!store.plate && held.kind === "picture" && !store.burst.length) choosePlate(source);
   else {

@@ -9,7 +9,7 @@ import { Component, createRef, h } from "./vendor/preact.js";
 
 export const VIEWS = /** @type {[string, string][]} */ ([
   ["picture", "Picture"], ["plate", "Plate"], ["alpha", "Alpha"], ["color", "Color"], ["error", "Error of alpha"],
-  ["flags", "Flags"], ["checker", "Layer over a checkerboard"], ["over", "Layer over another picture"], ["result", "Result"], ["sharp", "Sharp over the plate"],
+  ["flags", "Flags"], ["checker", "Layer over a checkerboard"], ["over", "Layer over another picture"], ["result", "Result"], ["sharp", "Sharp over the plate"], ["reference", "The sharp picture of its color"],
 ]);
 const FLAGS = [["known", "#4a9d5b"], ["not explained", "#e63c3c"], ["saturated", "#f3e63c"], ["shadow", "#5959d9"], ["occluded", "#bb43cc"], ["other", "#f39e26"]];
 const SAME = { fade: 1, light: [1, 0, 0, 0, 1, 0, 0, 0, 1] };
@@ -23,6 +23,7 @@ const DRAWN = ["picture", "plate", "checker", "error"]; // views that the server
 export const views = () => VIEWS.filter(([mode]) => (store.shaders || DRAWN.includes(mode)) && (
   mode === "picture" || (mode === "plate" ? behind() && behind() !== "none"
     : mode === "over" ? layer() && store.over : mode === "sharp" ? sharpLayer()
+    : mode === "reference" ? store.colorFrom
     : ["error", "flags"].includes(mode) ? facts(layer())?.kind === "solution" : layer())));
 
 export class Viewer extends Component {
@@ -65,7 +66,7 @@ export class Viewer extends Component {
 
   /** Size of what is shown; null before it is known. */
   ground() {
-    return facts(store.mode === "over" ? store.over : store.picture);
+    return facts(store.mode === "over" ? store.over : store.mode === "reference" ? store.colorFrom : store.picture);
   }
 
   fit() {
@@ -133,7 +134,7 @@ export class Viewer extends Component {
     if (!this.painter) return;
     const view = { x, y, zoom: grid };
     const strips = [];
-    const before = store.mode === "picture" ? 0 : store.wipe;
+    const before = ["picture", "reference"].includes(store.mode) ? 0 : store.wipe;
     if (before > 0) strips.push({ from: 0, to: before, items: this.items("picture"), data: false });
     if (before < 1) strips.push({ from: before, to: 1, items: this.items(store.mode), data: DATA.includes(store.mode) });
     const light = { stops: store.stops, falseColor: store.falseColor };
@@ -144,18 +145,19 @@ export class Viewer extends Component {
 
   /** What a mode draws. @param {string} mode @returns {import("./painter.js").Item[]} */
   items(mode) {
-    const found = facts(store.picture);
+    const found = this.ground();
     if (!found || !store.picture) return [];
     const part = (/** @type {any} */ source, /** @type {string} */ name, frame = 0) =>
       (source && source !== "none" ? { source, part: name, frame } : null);
     const parts = {
-      picture: part(store.picture, "picture", store.frame),
+      picture: store.mode === "reference" ? part(store.colorFrom, "picture") : part(store.picture, "picture", store.frame),
       plate: part(behind(), "picture"),
       layer: part(layer(), "layer"),
       error: facts(layer())?.kind === "solution" ? part(layer(), "error") : null,
     };
     const size = [found.width, found.height];
     const item = { size, parts, change: currentChange(), scale: 1, at: [0, 0], over: false };
+    if (mode === "reference") return [{ ...item, mode: "picture" }];
     if (mode === "sharp") {
       return [{ ...item, mode: "picture", parts: { picture: parts.plate } }, { ...item, mode: "layer", parts: { layer: part(sharpLayer(), "layer") }, change: SAME, over: true }];
     }
@@ -198,7 +200,8 @@ export class Viewer extends Component {
     if (event.button !== 0 || !this.ground()) return;
     /** @type {Element} */ (event.currentTarget).setPointerCapture(event.pointerId);
     this.pointer = { from: this.at(event), last: [event.clientX, event.clientY], tool: event.shiftKey ? "Pan" : store.tool };
-    if (this.pointer.tool === "Pick color") pickAt(...whole(this.pointer.from));
+    if (this.pointer.tool === "Pick color" && store.colorFrom && store.mode !== "reference") change({ mode: "reference" });
+    else if (this.pointer.tool === "Pick color") pickAt(...whole(this.pointer.from));
     if (this.pointer.tool === "Mask") change({ strokes: [...store.strokes, [this.pointer.from]] });
     event.preventDefault();
     this.canvas.current.parentElement.focus();
@@ -257,10 +260,10 @@ export class Viewer extends Component {
     this.reading = true;
     try {
       const values = { frame: store.frame, x, y, radius: 0 };
-      const source = store.mode === "over" ? store.over : store.picture;
+      const source = { over: store.over, reference: store.colorFrom }[store.mode] ?? store.picture;
       const seen = await (await look("pixels", /** @type {any} */ (source), values)).json();
       const own = layer();
-      const more = own && store.mode !== "over" ? await (await look("pixels", own, { ...values, frame: 0 })).json() : {};
+      const more = own && !["over", "reference"].includes(store.mode) ? await (await look("pixels", own, { ...values, frame: 0 })).json() : {};
       change({ under: { ...seen, alpha: more.alpha, alpha_std: more.alpha_std, flags: more.flags } });
     } catch { /* outside, or the next one comes */ }
     this.reading = false;
