@@ -1,7 +1,7 @@
 // Controls: labelled fields of all kinds.
 
 import { drop, store } from "./store.js";
-import { h } from "./vendor/preact.js";
+import { Component, h } from "./vendor/preact.js";
 
 /** @typedef {import("./api.js").Source} Source */
 
@@ -16,11 +16,24 @@ export function Slider({ name, value, from, to, step, words, onInput }) {
     }), h("span", { class: "words" }, words));
 }
 
-/** A number that may be typed. @param {{name: string, value: number | string, onChange: (value: number) => void}} props */
-export function NumberField({ name, value, onChange: changed }) {
-  return h("label", { class: "number" }, `${name} `, h("input", {
-    type: "number", value, "aria-label": name, onChange: (/** @type {any} */ e) => changed(Number(e.target.value)),
-  }));
+/** A number that may be typed; what is begun stays while the page is drawn anew. */
+export class NumberField extends Component {
+  constructor(/** @type {any} */ props) {
+    super(props);
+    this.typed = /** @type {string | null} */ (null);
+  }
+
+  /** @param {any} props  name: string, value: number | string, onChange: (value: number) => void */
+  render({ name, value, onChange }) {
+    return h("label", { class: "number" }, `${name} `, h("input", {
+      type: "number", step: "any", value: this.typed ?? value, "aria-label": name,
+      onInput: (/** @type {any} */ e) => { this.typed = e.target.value; },
+      onChange: (/** @type {any} */ e) => {
+        this.typed = null;
+        if (e.target.value !== "") onChange(Number(e.target.value));
+      },
+    }));
+  }
 }
 
 /** @param {Source | "none" | null} source */
