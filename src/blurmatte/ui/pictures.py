@@ -1,0 +1,357 @@
+"""Pictures for the page: as tiles of linear light, and as numbers."""
+
+from __future__ import annotations
+
+import io
+import math
+import warnings
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from PIL import Image
+
+import blurmatte as bm
+from blurmatte.checks import Bools, Floats
+from blurmatte.formats import is_clip
+
+T = TypeVar("T")
+
+TILE = 512  # pixels, a side of a tile
+_CACHE_BYTES = 1 << 30  # of pictures in memory
+_FRAMES_PASSED = 8  # of a clip that is played, before seeking is quicker
+_STRIP = 64  # rows that are halved at a time: fits the cache of a processor
+_MAX_LEVEL = 16
+_MAX_RADIUS = 512  # pixels, of an eyedropper
+_MAX_STOPS = 64.0
+_MAX_HALF = 65504.0  # the largest half float
+
+
+@dataclass
+class _Played:
+    """A clip whose frames are decoded one after the other."""
+
+    of: tuple[Any, ...]  # the file
+    next: int  # number of the frame that comes
+    frames: Iterator[Any]
+
+
+class Pictures:
+    """Pictures in memory, and what is asked of them."""
+
+    def __init__(self) -> None:
+        self._cache: OrderedDict[Any, tuple[Any, int]] = OrderedDict()
+        self._played: _Played | None = None
+        self._questions: dict[str, Callable[..., bytes | dict[str, Any]]] = {
+            "describe": self.describe,
+            "tile": self.tile,
+            "drawn": self.drawn,
+            "preview": self.preview,
+            "pixels": self.pixels,
+        }
+
+    def answer(self, name: str, values: dict[str, Any]) -> tuple[bytes, dict[str, Any], str]:
+        """The answer to a question: bytes, or numbers, or why there is none."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # the commands say them
+                found = self._questions[name](**values)
+        except (bm.BlurmatteError, ValueError, OSError, MemoryError) as error:
+            return b"", {}, " ".join(str(error).split()) or repr(error)
+        except Exception as error:
+            return (
+                b"",
+                {},
+                f"a defect of blurmatte, {type(error).__name__}: {error}; please report it",
+            )
+        return (found, {}, "") if isinstance(found, bytes) else (b"", _plain(found), "")
+
+    def _kept(self, key: Any, make: Callable[[], T], size: Callable[[T], int]) -> T:
+        """A thing that is made once, and dropped when memory is needed for others."""
+        if key not in self._cache:
+            made = make()
+            self._cache[key] = made, size(made)
+        self._cache.move_to_end(key)
+        while len(self._cache) > 1 and sum(n for _, n in self._cache.values()) > _CACHE_BYTES:
+            self._cache.popitem(last=False)
+        kept: T = self._cache[key][0]
+        return kept
+
+    def describe(self, path: Path) -> dict[str, Any]:
+        """Kind, size and times of a file."""
+        frames = self._frames(path)
+        if frames is not None:
+            width, height = frames.size
+            return {
+                "kind": "clip",
+                "width": width,
+                "height": height,
+                "frames": len(frames),
+                "rate": frames.rate,
+            }
+        picture = self._picture(path, 0)
+        meta = picture.meta
+        width, height = picture.size
+        solution, layer = self._solution(path), self._layer_if_any(path)
+        return {
+            "kind": "solution" if solution else "layer" if layer else "picture",
+            "layer": None if layer is None else _of_layer(layer),
+            "width": width,
+            "height": height,
+            "frames": 1,
+            "exposure_seconds": meta.exposure_time,
+            "camera": meta.camera,
+            "time": meta.time,
+            "gray": bool(bm.radiometry.image.are_gray(picture, picture)),
+        }
+
+    def tile(self, path: Path, part: str, frame: int, level: int, x: int, y: int) -> bytes:
+        """Half floats, RGBA, of a tile of the picture at a power of two."""
+        tile = self._tile(path, part, frame, level, x, y)
+        return np.clip(tile, -_MAX_HALF, _MAX_HALF).astype("<f2").tobytes()
+
+    def drawn(
+        self, path: Path, part: str, frame: int, level: int, x: int, y: int, stops: float
+    ) -> bytes:
+        """The same as a PNG of 8 bits, for pages without shaders."""
+        return _png(self._tile(path, part, frame, level, x, y), part, stops)
+
+    def preview(self, path: Path, part: str, frame: int, side: int, stops: float) -> bytes:
+        """A PNG of 8 bits, at most so many pixels wide and high."""
+        if side < 1:
+            raise ValueError(f"side must be at least 1, got {side}")
+        level, (height, width) = 0, self._whole(path, part, frame)[1].shape
+        while max(height, width) > side:
+            level, height, width = level + 1, (height + 1) // 2, (width + 1) // 2
+        return _png(self._pixels_of(path, part, frame, level), part, stops)
+
+    def _tile(self, path: Path, part: str, frame: int, level: int, x: int, y: int) -> Floats:
+        """(h, w, 4) float32 pixels of a tile."""
+        if not 0 <= level <= _MAX_LEVEL:
+            raise ValueError(f"level must be 0 to {_MAX_LEVEL}, got {level}")
+        place = slice(y * TILE, (y + 1) * TILE), slice(x * TILE, (x + 1) * TILE)
+        if level == 0:
+            light, alpha = self._whole(path, part, frame)
+            tile = _joined(light[place], alpha[place])
+        else:
+            tile = self._level(path, part, frame, level)[place]
+        if tile.size == 0:
+            raise ValueError(f"there is no tile {x}, {y} at level {level}")
+        return tile
+
+    def pixels(self, path: Path, frame: int, x: int, y: int, radius: int) -> dict[str, Any]:
+        """Mean of the valid light around a pixel, and alpha with its error if the file holds them."""
+        picture = self._picture(path, frame)
+        width, height = picture.size
+        if not (0 <= x < width and 0 <= y < height):
+            raise ValueError(f"pixel {x}, {y} is outside the picture of {width}x{height}")
+        if not 0 <= radius <= _MAX_RADIUS:
+            raise ValueError(f"radius must be 0 to {_MAX_RADIUS}, got {radius}")
+        rows = slice(max(y - radius, 0), y + radius + 1)
+        columns = slice(max(x - radius, 0), x + radius + 1)
+        valid = picture.valid[rows, columns]
+        counted = valid if valid.any() else np.ones_like(valid)  # all, rather than nothing
+        light = picture.rgb[rows, columns][counted].astype(float)
+        mean = light.mean(axis=0)
+        numbers: dict[str, Any] = {
+            "x": x,
+            "y": y,
+            "count": int(valid.sum()),
+            "light": mean.tolist(),
+            "scatter": light.std(axis=0).tolist(),
+        }
+        shown = np.clip(bm.SRGB.encode(np.clip(mean, 0, 1)), 0, 1)
+        numbers["hex"] = "#" + "".join(f"{round(255 * float(c)):02x}" for c in shown)
+        solution, layer = self._solution(path), self._layer_if_any(path)
+        if solution is None and layer is not None:
+            numbers["alpha"] = float(layer.alpha[y, x])
+        if solution is not None:
+            numbers |= {
+                "alpha": float(solution.alpha[y, x]),
+                "alpha_std": float(solution.alpha_std[y, x]),
+                "flags": [
+                    str(flag.name).lower()
+                    for flag in bm.matting.Quality
+                    if int(solution.quality[y, x]) & flag.value
+                ],
+            }
+        return numbers
+
+    def _pixels_of(self, path: Path, part: str, frame: int, level: int) -> Floats:
+        """(h, w, 4) float32 pixels of a part at a level."""
+        if level == 0:
+            return _joined(*self._whole(path, part, frame))
+        return self._level(path, part, frame, level)
+
+    def _level(self, path: Path, part: str, frame: int, level: int) -> Floats:
+        """(h, w, 4) float32 pixels at a level from 1; each is the mean of 2×2 of the level before."""
+
+        def make() -> Floats:
+            if level > 1:
+                return _halved(self._level(path, part, frame, level - 1), part)
+            light, alpha = self._whole(path, part, frame)
+            rows = range(0, len(alpha), _STRIP)
+            strips = ((light[top : top + _STRIP], alpha[top : top + _STRIP]) for top in rows)
+            return np.concatenate([_halved(_joined(*strip), part) for strip in strips])
+
+        key = (*_identity(path), part, frame, level)
+        return self._kept(key, make, lambda made: int(made.nbytes))
+
+    def _whole(self, path: Path, part: str, frame: int) -> tuple[Floats, Floats | Bools]:
+        """(H, W, 3) light and (H, W) what goes with it: validity, alpha, or 1 with error and flags."""
+        if part == "picture":
+            picture = self._picture(path, frame)
+            return picture.rgb, picture.valid
+        if part == "layer":
+            layer = self._layer(path)
+            return layer.premultiplied, layer.alpha
+        if part == "error":
+            solution = self._solution(path)
+            if solution is None:
+                raise ValueError(f"{path.name} holds no errors; choose the layer.exr of solve")
+            std = np.nan_to_num(solution.alpha_std, posinf=_MAX_HALF).astype(np.float32)
+            std = np.where(solution.streak, std, np.float32(0))
+            flags = solution.quality.astype(np.float32)
+            return np.dstack([std, flags, np.zeros_like(std)]), np.ones(std.shape, bool)
+        raise ValueError(f"part must be picture, layer or error, got {part!r}")
+
+    def _picture(self, path: Path, frame: int) -> bm.LinearImage:
+        """A picture, or a frame of a clip by its number."""
+        frames = self._frames(path)
+        if frames is None:
+            key: tuple[Any, ...] = (*_identity(path), "read")
+            return self._kept(key, lambda: bm.read(path).in_srgb(), _bytes_of)
+        if not 0 <= frame < len(frames):
+            raise ValueError(f"there is no frame {frame}; the clip has {len(frames)}")
+        clip = _identity(path)
+        return self._kept(
+            (*clip, "read", frame), lambda: self._decoded(frames, clip, frame), _bytes_of
+        )
+
+    def _decoded(
+        self, frames: bm.Frames[Any], clip: tuple[Any, ...], number: int
+    ) -> bm.LinearImage:
+        """A frame of a clip; those after it come without seeking."""
+        played, self._played = self._played, None
+        if played is None or played.of != clip or not 0 <= number - played.next <= _FRAMES_PASSED:
+            played = _Played(clip, number, frames.load(range(number, len(frames))))
+        for one in played.frames:
+            played.next += 1
+            if played.next == number + 1:
+                self._played = played
+                shown: bm.LinearImage = one.in_srgb()
+                return shown
+        raise ValueError(f"there is no frame {number}: the clip ends with frame {played.next - 1}")
+
+    def _frames(self, path: Path) -> bm.Frames[Any] | None:
+        """The frames of a clip; None of a picture."""
+        if not is_clip(path):
+            return None
+        return self._kept((*_identity(path), "frames"), lambda: bm.read_frames(path), lambda _: 0)
+
+    def _layer(self, path: Path) -> bm.Layer:
+
+        return self._kept(
+            (*_identity(path), "layer"),
+            lambda: bm.read_layer(path),
+            lambda x: 4 * int(x.alpha.nbytes),
+        )
+
+    def _layer_if_any(self, path: Path) -> bm.Layer | None:
+        """The layer in an EXR; None if it has no alpha, or is another file."""
+        try:
+            return self._layer(path) if path.suffix.lower() == ".exr" else None
+        except bm.BlurmatteError:
+            return None
+
+    def _solution(self, path: Path) -> bm.Solution | None:
+        """A solution; None if the file is something else."""
+
+        def make() -> bm.Solution | None:
+            try:
+                return bm.read_solution(path)
+            except bm.BlurmatteError:
+                return None
+
+        if path.suffix.lower() != ".exr":
+            return None
+        return self._kept(
+            (*_identity(path), "solution"), make, lambda s: 0 if s is None else 8 * s.alpha.nbytes
+        )
+
+
+def _of_layer(layer: bm.Layer) -> dict[str, Any] | None:
+    """What changes of a layer depend on: its box, mean color, and 99 % quantile of brightness."""
+    if layer.empty:
+        return None
+    return {
+        "box": list(layer.box),
+        "color": layer.color.tolist(),
+        "brightest": layer.brightest,
+        "peak": float(layer.alpha.max()),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Numbers that the server reads without NumPy; None for what is not finite."""
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int):
+        return int(value)
+    return float(value) if math.isfinite(float(value)) else None
+
+
+def _bytes_of(picture: bm.LinearImage) -> int:
+    return int(picture.rgb.nbytes)
+
+
+def _identity(path: Path) -> tuple[Any, ...]:
+    """A file as it is now."""
+    found = path.stat()
+    return str(path), found.st_mtime_ns, found.st_size
+
+
+def _joined(light: Floats, alpha: Floats | Bools) -> Floats:
+    """(h, w, 4) float32 of light and what goes with it."""
+    joined = np.empty((*alpha.shape, 4), np.float32)
+    joined[..., :3], joined[..., 3] = light, alpha
+    return joined
+
+
+def _halved(pixels: Floats, part: str) -> Floats:
+    """The mean of each 2×2 pixels; of the last row and column those that there are.
+
+    Of errors the second channel holds flags: all that one of the pixels has.
+    """
+    height, width = pixels.shape[:2]
+    if height % 2 or width % 2:
+        pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
+    rows = pixels[0::2] + pixels[1::2]
+    halved = np.asarray((rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25))
+    if part == "error":
+        flags = pixels[..., 1].astype(np.uint16)
+        either = flags[0::2] | flags[1::2]
+        halved[..., 1] = either[:, 0::2] | either[:, 1::2]
+    return halved
+
+
+def _png(pixels: Floats, part: str, stops: float) -> bytes:
+    """A PNG of 8 bits in sRGB, brighter by stops; a layer with straight alpha."""
+    if not abs(stops) <= _MAX_STOPS:
+        raise ValueError(f"stops must be -{_MAX_STOPS:g} to {_MAX_STOPS:g}, got {stops}")
+    light, alpha = pixels[..., :3], np.clip(pixels[..., 3:], 0, 1)
+    if part == "layer":
+        light = np.divide(light, alpha, out=np.zeros_like(light), where=alpha > 0)
+    codes = bm.SRGB.encode(np.clip(light * np.float32(2.0**stops), 0, 1))
+    if part == "layer":
+        codes = np.dstack([codes, alpha])
+    file = io.BytesIO()
+    Image.fromarray(np.round(255 * codes).astype(np.uint8)).save(file, "png")
+    return file.getvalue()
