@@ -48,7 +48,6 @@ class Pictures:
         self._questions: dict[str, Callable[..., bytes | dict[str, Any]]] = {
             "describe": self.describe,
             "tile": self.tile,
-            "drawn": self.drawn,
             "preview": self.preview,
             "pixels": self.pixels,
         }
@@ -112,12 +111,6 @@ class Pictures:
         """Half floats, RGBA, of a tile of the picture at a power of two."""
         tile = self._tile(path, part, frame, level, x, y)
         return np.clip(tile, -_MAX_HALF, _MAX_HALF).astype("<f2").tobytes()
-
-    def drawn(
-        self, path: Path, part: str, frame: int, level: int, x: int, y: int, stops: float
-    ) -> bytes:
-        """The same as a PNG of 8 bits, for pages without shaders."""
-        return _png(self._tile(path, part, frame, level, x, y), part, stops)
 
     def preview(self, path: Path, part: str, frame: int, side: int, stops: float) -> bytes:
         """A PNG of 8 bits, at most so many pixels wide and high."""

@@ -354,7 +354,7 @@ class Requests:
                 return Response(status_code=499)
         answer = asking.result()
         if answer.data:
-            kind = _TYPES[".png"] if question in ("drawn", "preview") else _DATA
+            kind = _TYPES[".png"] if question == "preview" else _DATA
             return Response(answer.data, media_type=kind)
         return _Json(answer.numbers)
 
@@ -373,7 +373,6 @@ class Requests:
 _QUESTIONS: dict[str, dict[str, type]] = {
     "describe": {},
     "tile": {"part": str, "frame": int, "level": int, "x": int, "y": int},
-    "drawn": {"part": str, "frame": int, "level": int, "x": int, "y": int, "stops": float},
     "preview": {"part": str, "frame": int, "side": int, "stops": float},
     "pixels": {"frame": int, "x": int, "y": int, "radius": int},
 }
