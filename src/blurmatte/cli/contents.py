@@ -23,6 +23,7 @@ from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.formats import EXR, Holds, format_at
 
 _MAX_UNEVEN = 0.01  # of intervals between frames, relative: stamps are rounded
+_MAX_LISTED = 8  # numbers of a row that are printed; a box has 4
 
 Description = tuple[Iterable[str], dict[str, Any]]  # lines for people, and the same as values
 
@@ -103,9 +104,11 @@ def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
 
 
 def _short(value: Any) -> str:
-    """A value as text: six digits; of arrays of points, their number."""
+    """A value as text: six digits; of arrays of points, and of long rows, their number."""
     if isinstance(value, list) and np.ndim(value) > 1 and np.shape(value)[-1] == 2:
         return f"{' x '.join(map(str, np.shape(value)[:-1]))} points"
+    if isinstance(value, list) and np.ndim(value) > 1 and np.shape(value)[-1] > _MAX_LISTED:
+        return f"{' x '.join(map(str, np.shape(value)))} numbers"
     if isinstance(value, list):
         between = "; " if np.ndim(value) > 1 else ", "
         return between.join(map(_short, value)) or "none"
