@@ -278,7 +278,7 @@ class Session:
         stem = stem.encode()[:_MAX_NAME_BYTES].decode(errors="ignore")
         taken = [held.path.name for held in self.files.values()]
         taken += [p.name.removesuffix(".part").lstrip(".") for p in self._folder.iterdir()]
-        folded = {one.casefold() for one in taken}  # some file systems do not tell A from a
+        folded = {one.casefold() for one in taken}  # on some file systems A and a are one name
         names = (
             f"{stem}{f'-{k}' if k else ''}{dot if ending else ''}{ending}"
             for k in range(len(folded) + 1)
@@ -377,7 +377,7 @@ class Session:
             await asyncio.shield(self._restart)
 
     def resume(self, job: Job) -> None:
-        """Queue an ended job again, in its folder; a clip goes on by its manifest."""
+        """Queue an ended job again, in its folder; a clip continues by its manifest."""
         if not job.ended:
             raise RefusedError(f"job {job.number} has not ended; cancel it first")
         job.again()

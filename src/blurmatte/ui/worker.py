@@ -97,7 +97,7 @@ def work(pipe: Connection, program: Program, folder: Path) -> None:
     # code that the warm-up kept there is for the next page, too.
     tempfile.tempdir = os.environ["TMPDIR"] = mkdtemp(dir=folder.parent)
     pipe.send(READY)
-    while not interrupted():  # the program ends at an interrupt, this process does not by itself
+    while not interrupted():  # the program ends at an interrupt, this process ends here
         line = lines.get()
         pipe.send(_ended(pipe, program, line, folder))
     end_group()

@@ -327,7 +327,7 @@ class _System:
         return np.asarray(scipy.linalg.cho_solve(self.factor, right.T).T)
 
     def step_of_cells(self) -> _Problem:
-        """The cells moved alone, as far as the cost falls."""
+        """The cells moved alone, while the cost falls."""
         step, before = self.solved(self.cells[None])[0], self.problem.cost
         for length in 0.5 ** np.arange(_MAX_TRIALS):
             tried = replace(self.problem, mask=self._covered(length * step))
