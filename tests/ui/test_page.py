@@ -179,7 +179,11 @@ def test_ruler_and_diameter_give_kilometers_per_hour(solved):
 
 
 def test_a_reload_loses_nothing(solved):
+    solved.get_by_role("tab", name="Edit").click()
+    solved.get_by_role("slider", name="Fade").fill("0.7")
     solved.reload()
+    solved.get_by_role("button", name="Write the changed picture").wait_for()
+    assert solved.get_by_role("slider", name="Fade").input_value() == "0.7"
     solved.get_by_role("tab", name="Solve").click()
     assert solved.locator(".grade").inner_text().startswith("confirmed")
     solved.get_by_label("View", exact=True).last.select_option("alpha")

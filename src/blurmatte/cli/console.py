@@ -328,9 +328,6 @@ class Progress:
     of: int | None = None  # things to do; None if that is not counted
     seconds_left: float | None = None
 
-    def __str__(self) -> str:
-        return f"{self.stage} {self.done}/{self.of}" if self.of else self.stage
-
 
 Listener = Callable[[Progress], None]
 
@@ -344,9 +341,8 @@ class _Task:
     of: int | None
     done: int = 0
     name: str = ""
-    counted: tuple[int, int, float] | None = (
-        None  # things done in a stage, of how many, seconds left
-    )
+    # Things done in a stage, of how many, and seconds left
+    counted: tuple[int, int, float] | None = None
     begun: float = field(default_factory=time.monotonic)
 
     def stage(self, name: str, counted: tuple[int, int, float] | None = None) -> None:

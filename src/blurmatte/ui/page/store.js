@@ -123,18 +123,19 @@ function hear(state) {
   const first = store.server === null;
   change({ server: state });
   for (const job of state.jobs) {
-    if (job.state === "done" && !store.answers.has(job.number)) fetchAnswer(job);
+    if (job.state === "done" && !store.answers.has(job.number)) fetchAnswer(job, !first);
   }
   if (first && !store.picture) state.files.forEach(take);
 }
 
-/** @param {any} job */
-async function fetchAnswer(job) {
+/** @param {any} job @param {boolean} isNew  it ended now; else the page was loaded again, and stays as it was */
+async function fetchAnswer(job, isNew) {
   store.answers.set(job.number, null);
   const whole = await trying(async () => (await ask(`/api/jobs/${job.number}`)).json());
   if (!whole) return;
   store.answers.set(job.number, whole.answer);
-  if (store.jobs.solve === job.number && isClip() && whole.answer?.frames) {
+  if (!isNew) change();
+  else if (store.jobs.solve === job.number && isClip() && whole.answer?.frames) {
     const first = whole.answer.frames.find((/** @type {any} */ row) => row.layer);
     change({ mode: resulting(), ...(first && !clipRow() ? { frame: first.frame } : {}) });
   } else if (store.jobs.solve === job.number && solution()) {
