@@ -27,8 +27,11 @@ def along(length):
     return PATH + np.array([-1, 0, 1, 0]) * length * RADIUS / 2
 
 
-def state(opacity, contrast, std, seed=0, model=None, path=PATH, color=COLOR):
-    """A disc with the true shape and path, before a wall of one hue with texture, and noise."""
+def state(opacity, contrast, std, seed=0, model=None, path=PATH, color=COLOR, post=None):
+    """A disc with the true shape and path, before a wall of one hue with texture, and noise.
+
+    post: columns of a dark post before it.
+    """
     from scipy.ndimage import gaussian_filter
 
     rng = np.random.default_rng(seed)
@@ -38,6 +41,8 @@ def state(opacity, contrast, std, seed=0, model=None, path=PATH, color=COLOR):
     disc = DISC.sweep(LINE, path, np.array([RADIUS]), Pixels((h, w), (0, 0))).alpha
     alpha = (opacity * disc)[..., None]
     C = disc[..., None] * opacity * color + (1 - alpha) * B
+    if post is not None:
+        C[:, slice(*post)] = B[:, slice(*post)] = 0.2 * WALL
     image, plate = (LinearImage(x + std * rng.normal(size=x.shape), noise=noise) for x in (C, B))
     prior = ColorPrior.of(model)
     around = observation_around(Streak(disc > 0), 30, image, plate, prior)
@@ -65,6 +70,13 @@ def test_a_plate_without_texture_leaves_the_opacity_open(opacity):
     found = fit_opacity(state(opacity, 0.0, 0.006))
     assert found.std > 0.1
     assert abs(found.value - opacity) < 3 * found.std
+
+
+def test_what_is_in_front_of_an_object_is_not_seen_through_it():
+    opaque = fit_opacity(state(1.0, 0.02, 0.006, path=along(3), post=(44, 52)))
+    assert opaque.value == 1
+    thin = fit_opacity(state(0.5, 0.1, 0.006, post=(44, 52)))
+    assert abs(thin.value - 0.5) < 3 * thin.std < 0.2
 
 
 def test_an_opaque_disc_before_texture_is_opaque():

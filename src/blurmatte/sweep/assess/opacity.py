@@ -34,6 +34,7 @@ import numpy.typing as npt
 from blurmatte.checks import Array, Bools
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import dilated
+from blurmatte.sweep.assess.occlusion import occluded
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.state import State
@@ -131,6 +132,8 @@ def fit_opacity(state: State) -> Opacity:
     observation = state.observation
     chi = state.swept.alpha / state.silhouette.opacity
     inside = (chi > _MIN_COVERED) & observation.valid & (observation.weight > 0)
+    # What is in front of the object is seen as it is, not through it.
+    inside = inside & ~_occluded(observation, chi, inside)
     around = (observation.weight == observation.weight.max()) & observation.valid
     around &= ~dilated((chi > 0) | observation.streak, BlockStatistics.margin_px)
     radius = state.silhouette.radius(state.shape) / observation.scale
@@ -141,6 +144,18 @@ def fit_opacity(state: State) -> Opacity:
         scores.append(_across(observation, chi, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
     return _posterior(known, _lights(observation, chi, inside), is_at_rest(state))
+
+
+def _occluded(observation: Observation, chi: Array, inside: Bools) -> Bools:
+    """Where, and next to where, a static object is before one that is there a part chi of the time.
+
+    At the rim of the shape it is before it, too, but not seen to be.
+    """
+    if not inside.any():
+        return inside
+    C, B, V_C, V_B = observation.light
+    light, _ = _mean_lights((C, B), chi, inside)
+    return dilated(occluded(chi, light, C, B, V_C + V_B, inside), _MIN_BLOCK_PX)
 
 
 def _of_texture(
