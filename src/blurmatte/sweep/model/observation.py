@@ -52,6 +52,14 @@ class Observation(PixelBox):
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
     # The image is the light that an object added, before a black plate: the scale of alpha is arbitrary
     light_alone: bool = False
+    # (h, w) float: fraction of the picture's pixels in each pixel here that are valid, if it was made
+    # coarser; a block is valid if all of its pixels are
+    valid_parts: Array | None = None
+
+    @property
+    def shown(self) -> Array:
+        """(h, w) Fraction of the picture's pixels in each pixel here that are valid."""
+        return self.valid.astype(float) if self.valid_parts is None else self.valid_parts
 
     @property
     def pitch(self) -> float:
@@ -157,6 +165,7 @@ class Observation(PixelBox):
             near=means(self.near, by) > 0,
             chroma_error=None if self.chroma_error is None else means(self.chroma_error, by),
             compression=None,
+            valid_parts=means(self.shown, by),
         )
 
 
