@@ -300,7 +300,7 @@ def test_a_wrong_color_is_solved_as_assumed(wall, solver):
     truth, image, plate, _ = wall
     wrong = ColorModel.from_hex("#2040ff")
     solution = solve(image, plate, wrong, solver)
-    assert_array_equal(solution.model.basis, wrong.basis)
+    assert_allclose(solution.model.basis, wrong.basis, rtol=1e-14)
     assert solution.grade is Grade.ASSUMED
     assert solution.sweep.rejection
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
@@ -356,8 +356,8 @@ def test_chroma_blurred_rims_are_explained(monkeypatch, known):
 @pytest.mark.battery
 @pytest.mark.parametrize(
     ("known", "least", "most"),
-    [(True, 1.2, 1.6), (False, 0.25, 0.5)],
-    ids=["40 percent too small if the file is known", "conservative if it is unknown"],
+    [(True, 1.5, 2.0), (False, 0.25, 0.5)],
+    ids=["1.8 times too small if the file is known", "conservative if it is unknown"],
 )
 def test_errors_with_chroma_subsampling(known, least, most):
     """honest: of one scene; chroma of a rim is blurred over a few pixels."""
