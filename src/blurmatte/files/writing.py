@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import Codes8, Floats
+from blurmatte.checks import Codes8, Floats, as_array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.atomic import extension_of, moved_together, replacing
@@ -94,7 +94,7 @@ def write(
     TypeError, ValueError
         If the object cannot be written in any format.
     """
-    target, writers = Path(path), _writers(thing)
+    target, writers = Path(path), _writers(as_array("thing", thing))
     if (extension := extension_of(target)) not in writers:
         formats = " or ".join(writers)
         raise FileError(f"{path}: change the extension; {_kind(thing)} is written as {formats}")
