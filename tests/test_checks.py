@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from PIL import Image
 from tests.scenes import rendered
 
 import blurmatte as bm
@@ -17,6 +18,7 @@ from blurmatte.checks import (
     enclosing,
     rows_columns,
 )
+from blurmatte.metrics import alpha_rmse
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
@@ -107,6 +109,77 @@ class Labeled:
         return np.asarray(self.values, dtype)
 
 
+class Exchanged:
+    """An array that only exports its memory by DLPack, of a kind of device: 1 is main memory."""
+
+    def __init__(self, values, device=1):
+        self.values, self.device = values, device
+
+    def __dlpack_device__(self):
+        return self.device, 0
+
+    def __dlpack__(self, **asked):
+        return self.values.__dlpack__(**asked)
+
+
+class Described:
+    """A picture that describes its memory, as Pillow does."""
+
+    def __init__(self, values):
+        self.__array_interface__ = values.__array_interface__
+        self.values = values
+
+
+class Tensor(Labeled):
+    """A tensor on a GPU, or one that is followed by a gradient."""
+
+    def __init__(self, values, device=2, requires_grad=False):
+        super().__init__(values)
+        self.device, self.requires_grad = device, requires_grad
+
+    def __dlpack_device__(self):
+        return self.device, 0
+
+    def cpu(self):
+        return Labeled(self.values)
+
+
+class Quantity(Labeled):
+    """Numbers with a unit, as of pint."""
+
+    def __init__(self, values, units):
+        super().__init__(values)
+        self.units, self.magnitude = units, values
+
+
+class Axes(Labeled):
+    """An array with names of its axes, as of xarray."""
+
+    def __init__(self, values, *dims, data=None):
+        super().__init__(values)
+        self.dims, self.data = dims, values if data is None else data
+
+
+class Unseen:
+    """An array that NumPy cannot view."""
+
+    def __array__(self, dtype=None, copy=None):
+        raise TypeError("Got unsupported ScalarType BFloat16\nand more")
+
+
+def spread_out(values):
+    """The same numbers, every second of a larger array."""
+    wide = np.zeros([2 * side for side in values.shape], values.dtype)
+    wide[::2, ::2, ::2] = values
+    return wide[::2, ::2, ::2]
+
+
+def read_only(values):
+    values = values.copy()
+    values.flags.writeable = False
+    return values
+
+
 @pytest.mark.parametrize(
     ("given", "dtype", "tolerance"),
     [
@@ -119,8 +192,16 @@ class Labeled:
         (np.asfortranarray(LIGHT), np.float64, 0),
         (LIGHT[::-1, ::-1][::-1, ::-1], np.float64, 0),
         (np.ma.masked_array(LIGHT), np.float64, 0),
+        (spread_out(LIGHT), np.float64, 0),
+        (read_only(LIGHT), np.float64, 0),
+        (Exchanged(LIGHT), np.float64, 0),
+        (Exchanged(LIGHT.astype(np.float16)), np.float32, 1e-3),
+        (Described(LIGHT), np.float64, 0),
+        (Quantity(LIGHT, "dimensionless"), np.float64, 0),
+        (Axes(LIGHT, "y", "x", "band"), np.float64, 0),
     ],
-    ids=["big-endian", "FITS", "half", "long", "tensor", "big tensor", "Fortran", "view", "no mask"],
+    ids=["big-endian", "FITS", "half", "long", "tensor", "big tensor", "Fortran", "view", "no mask",
+         "strided", "read-only", "DLPack", "half DLPack", "interface", "no unit", "named axes"],
 )  # fmt: skip
 def test_light_of_every_kind_of_array_is_taken(given, dtype, tolerance):
     """exact: 32 or 64-bit floats of this processor's byte order; solve accepts them."""
@@ -155,13 +236,95 @@ def test_masked_pixels_are_not_valid():
             lambda: bm.streaks.Streak(np.ma.masked_array(LIGHT[..., 0] > 0)),
             "mask must be an array without",
         ),
+        (
+            lambda: bm.LinearImage(LIGHT, valid=np.ma.masked_array(LIGHT[..., 0] > 0)),
+            r"valid must be an array without .* valid.filled\(False\)",
+        ),
         (lambda: bm.streaks.Streak([[True]]), "mask must be a NumPy array, got list"),
+        (lambda: bm.LinearImage(Tensor(LIGHT)), r"rgb is on a GPU .* give rgb.cpu\(\)"),
+        (lambda: bm.LinearImage(Exchanged(LIGHT, 2)), r"give jax.device_get\(rgb\)"),
+        (lambda: bm.LinearImage(Tensor(LIGHT, 1, True)), r"give rgb.detach\(\)"),
+        (lambda: bm.LinearImage(Unseen()), r"BFloat16; give rgb.float\(\)$"),
+        (lambda: bm.LinearImage(Quantity(LIGHT, "lux")), "has the unit lux.*rgb.magnitude if it is"),
+        (
+            lambda: bm.LinearImage(Axes(LIGHT, "y", "x", "band", data=Quantity(LIGHT, "lux"))),
+            "has the unit lux",
+        ),
+        (
+            lambda: bm.LinearImage(Axes(LIGHT, "band", "x", "y")),
+            r"give rgb.transpose\('y', 'x', 'band'\)",
+        ),
     ],
 )  # fmt: skip
 def test_arrays_that_cannot_be_taken_are_refused_by_name(make, says):
     """door."""
     with pytest.raises(TypeError, match=says):
         make()
+
+
+@pytest.mark.parametrize(
+    ("light", "says"),
+    [
+        (np.moveaxis(LIGHT, -1, 0), r"channels come last, give np.moveaxis\(rgb, 0, -1\)"),
+        (LIGHT[None], r"of a single picture, give rgb\[0\]"),
+        (LIGHT[..., 0], r"of gray, give np.stack\(3 \* \[rgb\], axis=-1\)"),
+        (np.dstack([LIGHT, LIGHT[..., 0]]), r"without alpha, give rgb\[..., :3\]"),
+    ],
+)
+def test_arrays_of_another_shape_are_refused_with_what_gives_the_right_one(light, says):
+    """door: what the message says makes a picture of it."""
+    with pytest.raises(ValueError, match=says) as refused:
+        bm.LinearImage(light)
+    call = str(refused.value).partition("give ")[2]
+    assert bm.LinearImage(eval(call, {"np": np, "rgb": light})).size == (7, 6)
+
+
+def test_code_values_of_pictures_and_masked_arrays_are_decoded():
+    """exact: as of arrays; masked pixels are not valid."""
+    codes = (200 * LIGHT).astype(np.uint8)
+    plain = bm.decode(codes, bm.SRGB)
+    assert np.array_equal(bm.decode(Image.fromarray(codes), bm.SRGB).rgb, plain.rgb)
+    assert np.array_equal(bm.decode(Exchanged(codes), bm.SRGB).rgb, plain.rgb)
+    masked = np.ma.masked_array(codes, np.zeros(codes.shape, bool))
+    masked[2, 3, 1] = np.ma.masked
+    missing = ~bm.decode(masked, bm.SRGB).valid
+    assert np.argwhere(missing).tolist() == [[2, 3]]
+
+
+@pytest.mark.parametrize(
+    "door",
+    [
+        lambda a: bm.Layer(a(LIGHT[..., 0]), a(LIGHT)).premultiplied,
+        lambda a: bm.LinearImage(LIGHT, a(LIGHT)).noise,
+        lambda a: bm.LinearImage(LIGHT, valid=a(LIGHT[..., 0] > 0.5)).valid,
+        lambda a: bm.streaks.Streak(a(LIGHT[..., 0] > 0.5)).mask,
+        lambda a: (
+            bm.deblurring.fit_psf(
+                a(LIGHT[..., 0]), a(LIGHT[..., 1] / 1e3), a(np.ones((3, 3)))
+            ).weight
+        ),
+        lambda a: bm.remove(*2 * [bm.LinearImage(LIGHT)], a(LIGHT[..., 0] > 0.5))[1],
+        lambda a: bm.Intrinsics(9, 9, 3, 3).project(a(LIGHT)),
+        lambda a: Trajectory(a(LIGHT[0, :, :2]), a(np.linspace(0, 1, 7))).xy,
+        lambda a: alpha_rmse(a(LIGHT[..., 0]), a(LIGHT[..., 1])),
+        lambda a: Scene(a(LIGHT), Trajectory.line((2, 2), (3, 3)), Ball(1, np.ones(3))).plate,
+    ],
+)
+def test_all_doors_take_arrays_of_other_packages(door):
+    """exact: the same as of NumPy's, in NumPy's."""
+    given = door(lambda values: values)
+    for kind in (Labeled, lambda values: Labeled(values.astype(values.dtype.newbyteorder(">")))):
+        taken = door(kind)
+        assert np.array_equal(taken, given)
+        assert type(taken) is type(given)
+
+
+def test_an_array_is_written_as_what_it_shows(tmp_path):
+    """exact"""
+    codes = (200 * LIGHT).astype(np.uint8)
+    for name, thing in (("a.png", codes), ("b.png", Image.fromarray(codes))):
+        bm.write(tmp_path / name, thing)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
 def test_solve_takes_big_endian_and_read_only_arrays():

@@ -29,6 +29,9 @@ DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
 }
 MAX_PX = 1e6  # of places and lengths that are read
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
+# What an object shows its numbers with; NumPy takes the first.
+_ARRAY_DOORS = "__array__", "__array_interface__", "__dlpack__"
+_CPU, _PINNED = 1, (3, 11)  # kinds of memory in DLPack; pinned is main memory that GPUs also reach
 
 
 def rows_columns(box: Sequence[int], whole: Sequence[int] = (0, 0)) -> tuple[slice, slice]:
@@ -46,30 +49,107 @@ def enclosing(boxes: Iterable[Box]) -> Box:
 def as_array(name: str, value: object) -> Any:
     """An array as NumPy's compiled loops take it: this processor's byte order, 32 or 64-bit floats.
 
-    Objects with `__array__`, such as tensors and labeled arrays, are converted; half floats become
-    32-bit, and long doubles 64-bit floats. What is no array, such as a list, is returned as it is.
+    All that NumPy can view is taken: arrays of any layout, and objects with `__array__`,
+    `__array_interface__` or, in main memory, `__dlpack__`. Half floats become 32-bit, and long doubles
+    64-bit floats. What is no array, such as a list, is returned as it is.
 
     Raises
     ------
     TypeError
-        For masked arrays, whose mask would be lost, and arrays of objects.
+        For what would be lost or misread in silence: masks, units, axes whose names say another order
+        than (y, x, channel); for arrays on a GPU, and others that NumPy cannot view.
     """
     if isinstance(value, np.ma.MaskedArray):
+        filling = False if value.dtype.kind == "b" else 0
         raise TypeError(
-            f"{name} must be an array without a mask; give {name}.filled(0), and "
-            f"valid=~np.ma.getmaskarray({name}).any(axis=-1) to LinearImage"
+            f"{name} must be an array without a mask, which has a meaning only for light and code "
+            f"values; give {name}.filled({filling}), and mark such pixels as not valid in LinearImage"
         )
-    if not isinstance(value, np.ndarray):
-        if not hasattr(value, "__array__") or isinstance(value, np.generic):
-            return value
-        value = np.asarray(value)
+    if isinstance(value, np.generic) or not any(hasattr(value, door) for door in _ARRAY_DOORS):
+        return value
+    value = _viewed(name, value)
     if value.dtype.kind == "O":
         raise TypeError(f"{name} must be an array of numbers, got an array of objects")
+    if value.dtype.kind == "V" and np.can_cast(
+        value.dtype, np.float32
+    ):  # bfloat16 of other packages
+        return value.astype(np.float32)
     if value.dtype.kind == "f" and value.dtype.itemsize not in (4, 8):
         return value.astype(np.float32 if value.dtype.itemsize < 4 else np.float64)
-    if type(value) is not np.ndarray:  # a subclass has operators of its own
-        value = np.asarray(value)
     return value if value.dtype.isnative else value.astype(value.dtype.newbyteorder("="))
+
+
+def _viewed(name: str, value: Any) -> npt.NDArray[Any]:
+    """What an object shows NumPy; a subclass of arrays has operators of its own, and is none here."""
+    if type(value) is np.ndarray:
+        return value
+    for held in (value, getattr(value, "data", None)):  # a labeled array may hold one with a unit
+        _check_unit(name, value, held)
+    _check_axes(name, value)
+    _check_device(name, value)
+    if getattr(value, "requires_grad", False) is True:
+        raise TypeError(
+            f"{name} is followed by a gradient, which would be lost; give {name}.detach()"
+        )
+    try:
+        if any(hasattr(value, door) for door in _ARRAY_DOORS[:-1]):
+            return np.asarray(getattr(value, "magnitude", value))
+        return np.from_dlpack(value)
+    except (TypeError, ValueError, RuntimeError, BufferError) as error:
+        remedy = f"; give {name}.float()" if "ScalarType" in str(error) else ""  # of torch
+        reason = str(error).partition("\n")[0]
+        raise TypeError(f"NumPy cannot view {name}: {reason}{remedy}") from None
+
+
+def _check_unit(name: str, value: Any, held: Any) -> None:
+    """Raise TypeError for numbers with a unit, as of pint and astropy."""
+    unit = getattr(held, "units", None) or getattr(held, "unit", None)
+    if unit is None or str(unit) in ("", "1", "dimensionless"):
+        return
+    bare = next((at for at in ("magnitude", "value", "values") if hasattr(value, at)), "data")
+    raise TypeError(
+        f"{name} has the unit {unit}, which would be lost; light is relative, 1 is white: give "
+        f"({name} / white).{bare}, or {name}.{bare} if it is so already"
+    )
+
+
+def _check_axes(name: str, value: Any) -> None:
+    """Raise TypeError for an array whose named axes are not in the order (y, x, channel)."""
+    axes = getattr(value, "dims", None)
+    if not isinstance(axes, tuple) or not {"y", "x"} <= set(axes):
+        return
+    rest = [axis for axis in axes if axis not in ("y", "x")]
+    if axes != ("y", "x", *rest):
+        order = ", ".join(repr(str(axis)) for axis in ("y", "x", *rest))
+        raise TypeError(f"{name} has the axes {axes}; give {name}.transpose({order})")
+
+
+def _check_device(name: str, value: Any) -> None:
+    """Raise TypeError for an array that says that it is not in main memory."""
+    try:
+        device = value.__dlpack_device__()[0] if hasattr(value, "__dlpack_device__") else _CPU
+    except (TypeError, ValueError, RuntimeError, BufferError):  # one that DLPack does not know
+        device = None
+    if device in (_CPU, *_PINNED):
+        return
+    copies = {"cpu": f"{name}.cpu()", "get": f"{name}.get()"}  # of torch and CuPy
+    copied = next((call for at, call in copies.items() if hasattr(value, at)), None)
+    raise TypeError(
+        f"{name} is on a GPU or another device, and NumPy works in main memory; give "
+        f"{copied or f'jax.device_get({name})'}"
+    )
+
+
+def without_mask(value: object, valid: object = None) -> tuple[Any, Any]:
+    """A picture with 0 where it is masked, and where all channels of it are valid.
+
+    What has no mask is returned as it is.
+    """
+    if not isinstance(value, np.ma.MaskedArray):
+        return value, valid
+    masked = np.ma.getmaskarray(value)
+    seen = ~masked.any(axis=-1) if masked.ndim == 3 else ~masked
+    return value.filled(0), seen if valid is None else seen & np.asarray(as_array("valid", valid))
 
 
 def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> None:
@@ -97,32 +177,57 @@ def check_box(box: Box, size: tuple[int, int]) -> None:
         )
 
 
-def check_light(name: str, value: object) -> None:
-    """Raise unless `value` is an (H, W, 3) float array."""
-    if not isinstance(value, np.ndarray):
-        raise TypeError(f"{name} must be a NumPy array of linear light, got {type(value).__name__}")
-    if value.dtype.kind != "f":
+def check_light(name: str, value: object) -> Floats:
+    """`value` as an (H, W, 3) float array; raises TypeError or ValueError unless it is one."""
+    light = as_array(name, value)
+    if not isinstance(light, np.ndarray):
+        raise TypeError(f"{name} must be a NumPy array of linear light, got {type(light).__name__}")
+    if light.dtype.kind != "f":
         raise TypeError(
-            f"{name} must hold linear light as floats, got {value.dtype}; "
+            f"{name} must hold linear light as floats, got {light.dtype}; "
             "decode code values first, e.g. with blurmatte.SRGB.decode(codes / 255)"
         )
-    if value.ndim != 3 or value.shape[2] != 3 or value.size == 0:
-        raise ValueError(f"{name} must have the shape (height, width, 3), got {value.shape}")
+    check_channels(name, light)
+    return light
 
 
-def check_map(name: str, value: object, shape: tuple[int, ...], kinds: str = "f") -> None:
-    """Raise unless `value` is an array of `shape` whose dtype kind is one of `kinds`."""
-    if not isinstance(value, np.ndarray):
-        raise TypeError(f"{name} must be a NumPy array, got {type(value).__name__}")
-    if value.dtype.kind not in kinds:
-        raise TypeError(f"{name} must have a dtype of kind {kinds!r}, got {value.dtype}")
-    if value.shape != shape:
-        raise ValueError(f"{name} must have the shape {shape}, got {value.shape}")
+def check_channels(name: str, value: npt.NDArray[Any]) -> None:
+    """Raise ValueError unless the shape is (height, width, 3); the usual others have a remedy."""
+    shape = value.shape
+    if len(shape) == 3 and shape[2] == 3 and value.size:
+        return
+    remedies = {
+        len(shape) == 2: f"of gray, give np.stack(3 * [{name}], axis=-1)",
+        shape[:1] in ((3,), (4,)) and len(shape) == 3: (
+            f"channels come last, give np.moveaxis({name}, 0, -1)"
+        ),
+        len(shape) == 3 and shape[2:] == (4,): f"without alpha, give {name}[..., :3]",
+        len(shape) == 4: f"of a single picture, give {name}[0]",
+    }
+    remedy = f"; {remedies[True]}" if True in remedies else ""
+    raise ValueError(f"{name} must have the shape (height, width, 3), got {shape}{remedy}")
+
+
+def check_map(
+    name: str, value: object, shape: tuple[int, ...] | None = None, kinds: str = "f"
+) -> Any:
+    """`value` as an array of `shape`, if one is stated, and of a dtype kind among `kinds`.
+
+    Raises TypeError or ValueError unless it is one.
+    """
+    values = as_array(name, value)
+    if not isinstance(values, np.ndarray):
+        raise TypeError(f"{name} must be a NumPy array, got {type(values).__name__}")
+    if values.dtype.kind not in kinds:
+        raise TypeError(f"{name} must have a dtype of kind {kinds!r}, got {values.dtype}")
+    if shape is not None and values.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape}, got {values.shape}")
+    return values
 
 
 def check_points(name: str, value: npt.ArrayLike, columns: int) -> npt.NDArray[np.float64]:
     """Points as floats; raises ValueError unless the last axis has `columns` coordinates."""
-    points = np.asarray(value, dtype=float)
+    points = np.asarray(as_array(name, value), dtype=float)
     if points.ndim == 0 or points.shape[-1] != columns:
         raise ValueError(f"{name} must have the shape (..., {columns}), got {points.shape}")
     return points

@@ -16,7 +16,6 @@ from blurmatte.checks import (
     Array,
     Box,
     Floats,
-    as_array,
     check_box,
     check_kind,
     check_light,
@@ -53,10 +52,9 @@ class Layer(Displayed):
     premultiplied: Floats
 
     def __post_init__(self) -> None:
-        for name in ("alpha", "premultiplied"):
-            object.__setattr__(self, name, as_array(name, getattr(self, name)))
-        check_light("premultiplied", self.premultiplied)
-        check_map("alpha", self.alpha, self.premultiplied.shape[:2])
+        light = check_light("premultiplied", self.premultiplied)
+        object.__setattr__(self, "premultiplied", light)
+        object.__setattr__(self, "alpha", check_map("alpha", self.alpha, light.shape[:2]))
 
     def __repr__(self) -> str:
         width, height = self.size

@@ -1,4 +1,4 @@
-"""Displayed: pictures, layers and solutions as a notebook shows them."""
+"""Displayed: pictures and results as a notebook shows them."""
 
 from importlib import import_module
 

@@ -32,6 +32,8 @@ from blurmatte.figures import (
     sure_pixels,
 )
 from blurmatte.files import write_together
+from blurmatte.files.labeled import to_table as to_table
+from blurmatte.files.labeled import to_xarray as to_xarray
 from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.layer import Layer
 from blurmatte.matting.maps import Quality

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, check_map
+from blurmatte.checks import Array, as_array, check_map
 
 _STEP_PX = 0.5  # of a numerical derivative
 
@@ -49,7 +49,7 @@ class Trajectory:
     t: Array
 
     def __post_init__(self) -> None:
-        xy, t = np.array(self.xy, dtype=float), np.array(self.t, dtype=float)
+        xy, t = (np.array(as_array(at, getattr(self, at)), float) for at in ("xy", "t"))
         if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
             raise ValueError(f"xy must have the shape (T, 2) with T >= 2, got {xy.shape}")
         if t.shape != xy.shape[:1]:
@@ -237,8 +237,9 @@ class PointSpread:
     corner: tuple[int, int]
 
     def __post_init__(self) -> None:
-        check_map("weight", self.weight, np.shape(self.weight))
-        check_map("std", self.std, self.weight.shape)
+        weight = check_map("weight", self.weight)
+        object.__setattr__(self, "weight", weight)
+        object.__setattr__(self, "std", check_map("std", self.std, weight.shape))
         if self.weight.ndim != 2:
             raise ValueError(f"weight must have the shape (h, w), got {self.weight.shape}")
 

@@ -67,5 +67,5 @@ def test_rejects_wrong_arguments(paint):
         draw_edit(paint.layer, EMPTY.crop((0, 0, 5, 5)))
     with pytest.raises(ValueError, match="same size"):
         draw_edit(paint.layer, EMPTY, paint.image.crop((0, 0, 5, 5)), paint.image)
-    with pytest.raises(TypeError, match="not str"):
+    with pytest.raises(TypeError, match="got str"):
         draw_look("out.png")

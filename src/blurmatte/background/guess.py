@@ -18,7 +18,7 @@ import scipy
 
 from blurmatte.background.lines import Lines
 from blurmatte.calibration import measure_noise_within
-from blurmatte.checks import Array, Bools, Box, Floats, as_array, check_map, rows_columns
+from blurmatte.checks import Array, Bools, Box, Floats, check_map, rows_columns
 from blurmatte.errors import NoiseError, PlateError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import QUANTILE_999_3, block_sums
@@ -70,7 +70,8 @@ class PlateGuess(LinearImage):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_map("hidden", self.hidden, self.rgb.shape[:2], kinds="b")
+        hidden = check_map("hidden", self.hidden, self.rgb.shape[:2], kinds="b")
+        object.__setattr__(self, "hidden", hidden)
 
     @property
     def plates(self) -> list[LinearImage]:
@@ -131,8 +132,7 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
         If too little of the scene is seen around the region.
     """
     check_picture("image", image)
-    region = as_array("region", region)
-    check_map("region", region, image.valid.shape, kinds="b")
+    region = check_map("region", region, image.valid.shape, kinds="b")
     if not region.any():
         raise ValueError("the region is empty; mark where the object may have been")
     if not (image.valid & ~region).any():

@@ -26,6 +26,7 @@ from blurmatte.background.robust_mean import (
 from blurmatte.background.samples import CutError, Samples, frame_name, take_samples
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
+from blurmatte.notebook import Displayed
 from blurmatte.radiometry import (
     LINEAR,
     CodingError,
@@ -50,7 +51,7 @@ _BAND_OVERLAP_PX = 19  # half the larger window, and what marks moving rims
 
 
 @dataclass(frozen=True, eq=False)
-class PlateFit:
+class PlateFit(Displayed):
     """A plate made of frames.
 
     Parameters

@@ -58,7 +58,7 @@ def fit_noise(
     usable = image.valid[rows] & plate.valid[rows]
     least = [rounding_noise(picture).coefficients for picture in (image, plate)]
     if still is not None:
-        check_map("still", still, image.valid.shape, kinds="b")
+        still = check_map("still", still, image.valid.shape, kinds="b")
         usable &= still[rows]
     else:
         few = slice(None, None, 4)

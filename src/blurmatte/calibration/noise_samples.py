@@ -63,7 +63,7 @@ def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sampl
     check_picture("frame 1", first)
     rows = rows_to_measure(first)
     if still is not None:
-        check_map("still", still, first.valid.shape, kinds="b")
+        still = check_map("still", still, first.valid.shape, kinds="b")
     use = _unclipped(first, rows) & (True if still is None else still[rows][..., None])
     total = _light(first, rows).copy()
     squares, change, shifted = np.zeros_like(total), np.zeros_like(total), []
@@ -108,7 +108,7 @@ def _changes(
 
 def noise_within(picture: LinearImage, region: Bools) -> Sample:
     """Residuals of an even region from a parabola in each tile; see `measure_noise_within`."""
-    check_map("region", region, picture.valid.shape, kinds="b")
+    region = check_map("region", region, picture.valid.shape, kinds="b")
     rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
     if len(rows) == 0:
         raise ValueError("region must hold some pixels, got none")

@@ -50,10 +50,10 @@ def check_plot(path: Path | None) -> None:
 
 def check_ending(path: Path, what: str, *endings: str) -> None:
     """Check that a name ends with one of these, and can be written; raises FileError."""
-    from blurmatte.files.atomic import extension_of
+    from blurmatte.files.atomic import ending_of
 
-    ending = extension_of(path)
-    if ending not in endings:
+    ending = ending_of(path, endings)
+    if ending is None:
         raise bm.errors.FileError(
             f"{path}: {what} is written as {' or '.join(endings)}; change the ending"
         )

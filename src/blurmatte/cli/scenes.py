@@ -27,7 +27,7 @@ from blurmatte.cli.output_checks import check_file, check_folder, check_outputs
 from blurmatte.cli.rows import expanded, with_folders
 
 
-@command("render easy -o scenes/easy", "render --list")
+@command("render easy -o scenes/easy", "render --list", "render --archive -o scenes.zip")
 def render(
     scenes: Annotated[
         list[str] | None, argument("SCENE", "Scene files (TOML), or names of --list.")
@@ -36,6 +36,9 @@ def render(
     all_scenes: Annotated[bool, flag("--all", "All scenes that come with blurmatte.")] = False,
     list_scenes: Annotated[
         bool, flag("--list", "Print the names of the scenes that come with it.")
+    ] = False,
+    archive: Annotated[
+        bool, flag("--archive", "Forty scenes for other programs, as one .zip.")
     ] = False,
     max_pixels: Annotated[int, option("N", "Refuse larger scenes; 25 million.")] = 25_000_000,
     as_json: AsJson = False,
@@ -47,6 +50,11 @@ def render(
     if list_scenes:
         titles = {name: bm.scenes.scene_title(name) for name in bm.scenes.scene_names()}
         answer(as_json, titles, [f"{name:12} {title}" for name, title in titles.items()])
+        return
+    if archive:
+        if out is None or scenes or all_scenes:
+            raise ValueError("give --archive with --out FILE.zip alone: its scenes are fixed")
+        _write_archive(out, as_json)
         return
     names = [*(scenes or ()), *(bm.scenes.scene_names() if all_scenes else ())]
     if not names:
@@ -71,6 +79,21 @@ def render(
             say(str(folder / "overview.png"))
     if as_json:
         say_json({"folders": [folder for _, _, folder in shots]})
+
+
+def _write_archive(path: Path, as_json: bool) -> None:
+    """Write the archive of scenes, and say what it is."""
+    check_file(path, "an archive", ".zip")
+    names = list(bm.scenes.archive_scenes())
+    with about(path):
+        rendered = bm.scenes.save_archive(path)
+        for name in with_progress(names, "rendering"):
+            assert next(rendered) == name
+        list(rendered)  # the checksums
+    size = path.stat().st_size
+    answer(
+        as_json, {"archive": path, "scenes": names, "bytes": size}, [f"{path}: {size / 1e6:.0f} MB"]
+    )
 
 
 @command(

@@ -33,7 +33,11 @@ if TYPE_CHECKING:
 
 RUN = "The run"
 
-_TABLES = ".csv", ".json", ".parquet"
+_TABLES = (
+    *(".csv", ".json", ".parquet"),
+    *(".napari.csv", ".trackmate.xml", ".kinovea.txt", ".tracker.txt"),
+)
+_OF_ONE_OBJECT = ".tracker.txt"
 
 
 @dataclass(frozen=True)
@@ -154,12 +158,16 @@ def track(
     plate: Annotated[
         Path | None, option("FILE", "The scene without it; else made of the clip.")
     ] = None,
-    out: Annotated[Path | None, output("The table: .csv, .json or .parquet.")] = None,
+    out: Annotated[Path | None, output("The table: .csv, .json, .parquet or others.")] = None,
     overlay: Annotated[Path | None, option("FILE", "Draw the paths: .png or .jpg.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Track the object through CLIP: place, speed and size per frame."""
     check_file(out, "a table", *_TABLES)
+    if followed.several and out is not None and out.name.lower().endswith(_OF_ONE_OBJECT):
+        raise ValueError(
+            f"{out}: holds one object; write .trackmate.xml, or follow without --several"
+        )
     check_file(overlay, "a sheet", *SHEET)
     from blurmatte.cli.clips import Tracking, check_times, given_color  # imports all of the library
     from blurmatte.motion.clip.steps import ClipInputs

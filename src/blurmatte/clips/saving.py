@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from blurmatte.background import ClipShot, ParallaxRegion
-from blurmatte.checks import Bools, check_kind
+from blurmatte.checks import Bools, check_kind, check_map
 from blurmatte.clips.layers import (
     LAYER_EXTENSIONS,
     LayerWriter,
@@ -34,6 +34,7 @@ from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.solving import check_clip_solver
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, shots_of, solved
 from blurmatte.motion.clip.workers import Failure
+from blurmatte.motion.columns import html_table
 from blurmatte.radiometry import LinearImage
 
 TABLE_EXTENSIONS = ".csv", ".parquet"
@@ -97,6 +98,9 @@ class ClipRun:
     def __post_init__(self) -> None:
         check_kind("frames", self.frames, Frames, "use blurmatte.read_frames(path)")
         check_clip_solver(self.solver)
+        if self.occluder is not None:
+            hidden = check_map("occluder", self.occluder, self.frames.size[::-1], kinds="b")
+            object.__setattr__(self, "occluder", hidden)
         if self.extension not in (*LAYER_EXTENSIONS, ".mov"):
             raise ValueError(
                 f"layers are written as {', '.join(LAYER_EXTENSIONS)} or .mov, got {self.extension!r}"
@@ -171,6 +175,9 @@ class ClipReport:
     seconds: float
     new: int
     empty: int = 0
+
+    def _repr_html_(self) -> str:
+        return html_table(self.records)
 
     @property
     def grades(self) -> dict[str, int]:

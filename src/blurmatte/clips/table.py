@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from operator import attrgetter
 from typing import Any
@@ -95,6 +95,11 @@ class FrameRecord:
             doubts="" if row.sighting is None else " ".join(row.sighting.motion.doubts),
         )
 
+    @property
+    def columns(self) -> Sequence[Column[FrameRecord]]:
+        """The columns of its table."""
+        return FRAME_COLUMNS
+
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table."""
         return numbers_of(FRAME_COLUMNS, self)
@@ -166,6 +171,11 @@ class PictureRecord:
             angle=_finite(angle),
             angle_std=_finite(std),
         )
+
+    @property
+    def columns(self) -> Sequence[Column[PictureRecord]]:
+        """The columns of its table."""
+        return PICTURE_COLUMNS
 
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table."""

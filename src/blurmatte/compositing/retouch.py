@@ -108,7 +108,7 @@ def remove(
     check_picture("image", image)
     check_picture("plate", plate)
     check_same_size("the plate", plate.size, "the image", image.size)
-    check_map("streak", streak, image.rgb.shape[:2], kinds="b")
+    streak = check_map("streak", streak, image.rgb.shape[:2], kinds="b")
     if grow < 0:
         raise ValueError(f"grow must be 0 or more pixels, got {grow}")
     if grow > 0:

@@ -25,6 +25,7 @@ from blurmatte.deblurring.view import View
 from blurmatte.errors import BlurmatteWarning, MotionError
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
+from blurmatte.notebook import Displayed
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import OPAQUE
@@ -36,7 +37,7 @@ _COARSE_STEP_PX = 2.0  # of motion between two moments, to estimate a bandwidth
 
 
 @dataclass(frozen=True, eq=False)
-class Sharp:
+class Sharp(Displayed):
     """The straight color of an object, and how it moved in one or several pictures.
 
     Parameters

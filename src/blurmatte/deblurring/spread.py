@@ -78,9 +78,8 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
     TypeError, ValueError
         If an argument is no such array, or alpha shows nothing.
     """
-    check_map("silhouette", silhouette, np.shape(silhouette))
-    check_map("alpha", alpha, np.shape(alpha))
-    check_map("alpha_std", alpha_std, alpha.shape)
+    silhouette, alpha = check_map("silhouette", silhouette), check_map("alpha", alpha)
+    alpha_std = check_map("alpha_std", alpha_std, alpha.shape)
     if silhouette.ndim != 2 or not all(side % 2 for side in silhouette.shape):
         raise ValueError(f"silhouette must have odd sides, got {silhouette.shape}")
     known = np.isfinite(alpha) & np.isfinite(alpha_std) & (alpha_std > 0)
@@ -198,8 +197,8 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
         If an argument is something else, sizes differ, or there are fewer than 4 parts.
     """
     check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
-    check_map("alpha", alpha, sweep.size[::-1])
-    check_map("alpha_std", alpha_std, sweep.size[::-1])
+    alpha = check_map("alpha", alpha, sweep.size[::-1])
+    alpha_std = check_map("alpha_std", alpha_std, sweep.size[::-1])
     if parts < 4:
         raise ValueError(f"parts must be 4 or more, got {parts}")
     (G, xy, position), place = _coverage(sweep, parts), rows_columns(sweep.box)

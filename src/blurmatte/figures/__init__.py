@@ -7,8 +7,8 @@ from blurmatte.figures.clip import Matte as Matte
 from blurmatte.figures.clip import draw_clip as draw_clip
 from blurmatte.figures.edit import draw_edit as draw_edit
 from blurmatte.figures.edit import draw_exposures as draw_exposures
-from blurmatte.figures.edit import draw_look as draw_look
-from blurmatte.figures.edit import png_of_look as png_of_look
+from blurmatte.figures.look import draw_look as draw_look
+from blurmatte.figures.look import png_of_look as png_of_look
 from blurmatte.figures.motion import draw_motion as draw_motion
 from blurmatte.figures.motion import draw_sharp as draw_sharp
 from blurmatte.figures.solution import draw_overview as draw_overview

@@ -1,6 +1,4 @@
-"""Sheets of layers: before and after an edit, exposures of paints, and a quick look."""
-
-from io import BytesIO
+"""Sheets of layers: before and after an edit, and exposures of paints."""
 
 import numpy as np
 
@@ -15,7 +13,6 @@ from blurmatte.figures.drawing import (
 )
 from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, column_width, size_text
 from blurmatte.layer import Layer, box_around, check_layer
-from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
 
 
@@ -48,7 +45,7 @@ def draw_edit(
         If sizes differ, or both layers are empty.
     """
     check_same_size("the layer", layer.size, "the edited layer", edited.size)
-    box = _around(layer, edited)
+    box = around(layer, edited)
     part, new = layer.crop(box), edited.crop(box)
     peak = round_up(float(max(part.alpha.max(), new.alpha.max())))
     sheet = Canvas()
@@ -72,57 +69,6 @@ def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
         Panel(over_checkerboard(layer), f"layer {when}", "over a checkerboard"),
         Panel(gray_codes(layer.alpha, peak), f"alpha {when}", f"white = {peak:g}"),
     ]
-
-
-def draw_look(thing: LinearImage | Layer | Solution) -> Codes8:
-    """Draw a picture, a layer or a solution for a quick look.
-
-    Parameters
-    ----------
-    thing : LinearImage, Layer or Solution
-
-    Returns
-    -------
-    (H, W, 3) uint8
-        sRGB-coded, 1800 pixels wide: a picture; or a layer over a checkerboard, whole, and the
-        layer, its color and its alpha around the object.
-
-    Raises
-    ------
-    TypeError
-        For any other type.
-    """
-    sheet = Canvas()
-    if isinstance(thing, LinearImage):
-        sheet.title(thing.meta.source or "picture", f"{size_text(thing.size)} px")
-        _one(sheet, Panel(srgb_codes(thing.in_srgb().rgb), ""), "as a screen shows it")
-        return sheet.pixels()
-    if not isinstance(thing, Layer | Solution):
-        raise TypeError(
-            f"a picture, a layer or a solution can be drawn, not {type(thing).__name__}"
-        )
-    layer = thing if isinstance(thing, Layer) else thing.layer
-    sheet.title(str(thing), "" if isinstance(thing, Layer) else thing.solver)
-    _one(sheet, Panel(over_checkerboard(layer), ""), "the layer over a checkerboard")
-    if not layer.empty:
-        part = layer.crop(_around(layer))
-        peak = round_up(float(part.alpha.max()))
-        panels = [
-            Panel(over_checkerboard(part), "layer"),
-            Panel(srgb_codes(part.straight()), "color"),
-            Panel(gray_codes(part.alpha, peak), "alpha", f"white = {peak:g}"),
-        ]
-        sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
-    return sheet.pixels()
-
-
-def png_of_look(thing: LinearImage | Layer | Solution) -> bytes:
-    """The sheet of `draw_look` as PNG."""
-    from PIL import Image
-
-    file = BytesIO()
-    Image.fromarray(draw_look(thing)).save(file, "png")
-    return file.getvalue()
 
 
 def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
@@ -154,7 +100,7 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     )
     height, width, count = exposures.fraction.shape
     check_same_size("the exposures", (width, height), "the layer", layer.size)
-    box = _around(layer)
+    box = around(layer)
     place, part = rows_columns(box), layer.crop(box)
     peak = round_up(float(part.alpha.max()))
     panels = [Panel(over_checkerboard(part), "layer", "over a checkerboard")]
@@ -170,12 +116,7 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     return sheet.pixels()
 
 
-def _one(sheet: Canvas, panel: Panel, what: str) -> None:
-    height, width = panel.pixels.shape[:2]
-    sheet.grid([panel], Layout.best((width, height), 1), what)
-
-
-def _around(*layers: Layer) -> Box:
+def around(*layers: Layer) -> Box:
     """The box of all content of layers of one size, with a margin of 15 %, at least 4 pixels."""
     box = box_around(*layers)
     if box is None:

@@ -14,6 +14,7 @@ from blurmatte.figures.drawing import (
     error_ellipse,
     fitted,
     gray_codes,
+    light_of_codes,
     over_checkerboard,
     round_up,
     srgb_codes,
@@ -56,14 +57,25 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes
     check_picture("image", image)
     check_solution("solution", solution)
     check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")
+    check_same_size("image", image.size, "solution", solution.size)
+    box = _around(motion)
+    return _drawn(image.in_srgb().crop(box), box, motion, image.meta.source)
+
+
+def draw_path(motion: Motion) -> Codes8:
+    """Draw a motion as `draw_motion` does, without its picture."""
+    box = _around(motion)
+    ground = light_of_codes(np.array(Palette.neutral, np.uint8))
+    empty = np.broadcast_to(ground, (box[3] - box[1], box[2] - box[0], 3))
+    return _drawn(LinearImage(np.array(empty)), box, motion, "")
+
+
+def _drawn(part: LinearImage, box: Box, motion: Motion, source: str) -> Codes8:
+    """The sheet of a motion over the part of a picture in a box."""
     from PIL import ImageDraw
 
-    check_same_size("image", image.size, "solution", solution.size)
-    box, corner = _around(motion)
-    picture, scale = fitted(
-        image.in_srgb().crop(box), (Page.width - 2 * Page.margin, Page.picture_height)
-    )
-    pen = ImageDraw.Draw(picture)
+    picture, scale = fitted(part, (Page.width - 2 * Page.margin, Page.picture_height))
+    pen, corner = ImageDraw.Draw(picture), np.array(box[:2], float)
     draw_line(pen, motion.trajectory.xy - corner, scale)
     enlarged = _enlarged(motion, scale)
     for t in (0, 1):
@@ -73,19 +85,19 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes
             pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, Palette.streak
         )
     sheet = Canvas()
-    sheet.title(image.meta.source or "blurmatte", repr(motion))
+    sheet.title(source or "blurmatte", repr(motion))
     sheet.picture(np.asarray(picture))
     note = f"Ellipses: one standard deviation of the ends, {enlarged:g} times enlarged."
     sheet.sentences([*explain(motion), note])
     return sheet.pixels()
 
 
-def _around(motion: Motion) -> tuple[Box, Array]:
-    """Box (x0, y0, x1, y1) around the path with a margin, and its corner (x, y)."""
+def _around(motion: Motion) -> Box:
+    """Box (x0, y0, x1, y1) around the path with a margin."""
     xy, rim = motion.trajectory.xy, 2 * max(motion.width, 2 * motion.radius)
     low = np.clip(np.floor(xy.min(axis=0) - rim), 0, np.array(motion.size) - 1).astype(int)
     high = np.clip(np.ceil(xy.max(axis=0) + rim) + 1, low + 1, motion.size).astype(int)
-    return (int(low[0]), int(low[1]), int(high[0]), int(high[1])), low.astype(float)
+    return int(low[0]), int(low[1]), int(high[0]), int(high[1])
 
 
 def _outline(motion: Motion, t: float) -> Array:

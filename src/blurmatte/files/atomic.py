@@ -11,7 +11,7 @@ import re
 import secrets
 import shutil
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import cache
 from itertools import count
@@ -24,7 +24,7 @@ INCOMPLETE = ".incomplete"  # added to the name of the last file of a set while 
 _HOST = f"{zlib.crc32(platform.node().encode()):08x}"
 _SESSION = secrets.token_hex(4)  # of this process: another one may get its number later
 _COUNTER = count()
-_TEMPORARY = re.compile(r"\.blurmatte-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-\d+(\.\w+)?")
+_TEMPORARY = re.compile(r"\.blurmatte-([0-9a-f]{8})-(\d+)-([0-9a-f]{8})-\d+(\.\w+)*")
 _NOTE = "blurmatte was stopped while it replaced these files; run the same command again\n"
 
 
@@ -33,6 +33,13 @@ def extension_of(path: Path) -> str:
     form = named(path)
     picture = form is not None and Writes.PICTURE in form.writes
     return form.extensions[0] if form is not None and picture else path.suffix.lower()
+
+
+def ending_of(path: Path, endings: Iterable[str]) -> str | None:
+    """Which of some endings a file name has, the longest of several: .napari.csv rather than .csv."""
+    name = path.name.lower()
+    found = [end for end in endings if name.endswith(end) or end == extension_of(path)]
+    return max(found, key=len, default=None)
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
 
-from blurmatte.checks import Codes8, check_kind
+from blurmatte.checks import Codes8, as_array, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
@@ -433,7 +433,8 @@ def _write_sequence(target: Path, frames: Iterator[Thing], numbers: Iterable[int
 def _checked(things: Iterable[Thing]) -> Iterator[Thing]:
     """The frames; an error at the first that differs in kind or size, and if there are none."""
     kind, size = "", (0, 0)
-    for number, thing in enumerate(things):
+    for number, given in enumerate(things):
+        thing = as_array(f"frame {number} of things", given)
         if number == 0:
             kind, size = _kind(thing), _size(thing)
         if _kind(thing) != kind:

@@ -86,7 +86,7 @@ def write_changed(
         If it has a gain map, a clip or further pictures, which are not copied.
     """
     target, source = Path(path), Path(original)
-    raster = _original(target, source, picture, changed, max_pixels)
+    raster, changed = _original(target, source, picture, changed, max_pixels)
     if extension_of(target) == ".exr":
         write(target, _light(raster, picture, changed, transfer))
     else:
@@ -98,14 +98,13 @@ def write_changed(
 
 def _original(
     target: Path, source: Path, picture: LinearImage, changed: Bools, max_pixels: int
-) -> Raster:
-    """The original; raises unless it can be read and has the size of picture and mask."""
+) -> tuple[Raster, Bools]:
+    """The original and the mask; raises unless it can be read and all have its size."""
     _check_formats(target, source)
     raster = load(source, max_pixels)
     height, width = raster.pixels.shape[:2]
     check_same_size("picture", picture.size, source.name, (width, height))
-    check_map("changed", changed, (height, width), kinds="b")
-    return raster
+    return raster, check_map("changed", changed, (height, width), kinds="b")
 
 
 def _warn_of_further_pictures(target: Path, source: Path) -> None:

@@ -19,6 +19,7 @@ from blurmatte.files.exr import changed_header
 from blurmatte.files.models import MODEL, model_to_json, sweep_from_json, sweep_to_json
 from blurmatte.files.raster import Raster, load
 from blurmatte.formats import MAX_PIXELS
+from blurmatte.matting.maps import Quality
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SolutionStats
 
@@ -35,6 +36,25 @@ def solution_parts(solution: Solution) -> tuple[npt.NDArray[Any], ...]:
     return (
         *(layer.premultiplied, layer.alpha, solution.alpha, solution.alpha_std),
         *(solution.premultiplied, solution.premultiplied_std, solution.quality),
+    )
+
+
+def solution_maps(solution: Solution) -> dict[str, npt.NDArray[Any]]:
+    """Maps (H, W) of a solution by their names for people; those of light for each channel."""
+    maps = {"alpha": solution.alpha, "error of alpha": solution.alpha_std}
+    for channel, color in enumerate(("red", "green", "blue")):
+        maps[f"{color} light of the object"] = solution.premultiplied[..., channel]
+    for channel, color in enumerate(("red", "green", "blue")):
+        maps[f"error of {color} light"] = solution.premultiplied_std[..., channel]
+    bits = ", ".join(f"{flag.value} {str(flag.name).lower()}" for flag in Quality)
+    return maps | {f"flags ({bits.replace('_', ' ')})": solution.quality}
+
+
+def solution_text(solution: Solution) -> str:
+    """What the maps of a solution are, for people."""
+    return (
+        f"blurmatte: {solution}, {solution.grade}, {solution.solver}. Alpha is the fraction of the "
+        "exposure; light is linear, premultiplied, 1 is white; errors are standard deviations."
     )
 
 

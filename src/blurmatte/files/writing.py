@@ -11,10 +11,10 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import Codes8, Floats
+from blurmatte.checks import Codes8, Floats, as_array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files.atomic import extension_of, moved_together, replacing
+from blurmatte.files.atomic import ending_of, moved_together, replacing
 from blurmatte.files.calibration import (
     noise_to_mapping,
     transfer_to_mapping,
@@ -24,7 +24,15 @@ from blurmatte.files.exr import exr_parts
 from blurmatte.files.lenses import intrinsics_to_mapping
 from blurmatte.files.models import model_to_json
 from blurmatte.files.raster import save_jpeg, save_pixels
-from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
+from blurmatte.files.solutions import (
+    CHANNELS,
+    solution_header,
+    solution_maps,
+    solution_parts,
+    solution_text,
+)
+from blurmatte.files.stacks import save_stack
+from blurmatte.files.trackers import tracker_formats
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
@@ -64,14 +72,16 @@ def write(
     LinearImage       .png .tif (16 bit sRGB), .jpg (8 bit sRGB), .exr (linear float); only
                       the EXR keeps the variance and the valid pixels
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
-    Solution          .exr, with all fields
+    Solution          .exr, with all fields; .tif, a stack of 32-bit floats of its maps, with names
+                      that ImageJ shows
     PointSpread       .exr .tif (float, channels weight and std), .csv, a row for each pixel
     ColorModel        .json
     Intrinsics        .json; NoiseModel and NoiseFit as well
     Transfer          .json, as a table; of a ResponseFit with errors and diagnostics
     mapping           .json, numbers that are not finite become null; .csv, one row, if it is flat
     mappings          .csv, .json, or .parquet (needs the `tables` extra): rows of one table, all with
-                      the same names
+                      the same names; rows of a clip also as .napari.csv, .trackmate.xml,
+                      .kinovea.txt and .tracker.txt
     str               .toml, unchanged
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
     (H, W, 3) uint8   .png .jpg, unchanged: code values of sRGB
@@ -94,8 +104,8 @@ def write(
     TypeError, ValueError
         If the object cannot be written in any format.
     """
-    target, writers = Path(path), _writers(thing)
-    if (extension := extension_of(target)) not in writers:
+    target, writers = Path(path), _writers(as_array("thing", thing))
+    if (extension := ending_of(target, writers)) is None:
         formats = " or ".join(writers)
         raise FileError(f"{path}: change the extension; {_kind(thing)} is written as {formats}")
     with replacing(target, extension) as temporary:
@@ -137,7 +147,10 @@ def _writers(thing: object) -> Mapping[str, _Writer]:
             return _layer_writers(thing)
         case Solution():
             tags = _LINEAR | solution_header(thing)
-            return {".exr": lambda path: save_pixels(path, solution_parts(thing), CHANNELS, tags)}
+            return {
+                ".exr": lambda path: save_pixels(path, solution_parts(thing), CHANNELS, tags),
+                ".tif": lambda path: save_stack(path, solution_maps(thing), solution_text(thing)),
+            }
         case PointSpread():
             return _spread_writers(thing)
         case ColorModel():
@@ -159,6 +172,7 @@ def _writers(thing: object) -> Mapping[str, _Writer]:
                 ".csv": lambda path: _save_text(path, rows_to_csv(rows)),
                 ".json": lambda path: _save_text(path, rows_to_json(rows) + "\n"),
                 ".parquet": lambda path: _save_parquet(path, rows),
+                **{end: _text_writer(text) for end, text in tracker_formats(rows).items()},
             }
         case str():
             return {".toml": lambda path: _save_text(path, thing)}
@@ -229,6 +243,11 @@ def _spread_writers(spread: PointSpread) -> Mapping[str, _Writer]:
         ".tif": save_maps,
         ".csv": lambda path: _save_text(path, rows_to_csv(rows)),
     }
+
+
+def _text_writer(text: Callable[[], str]) -> _Writer:
+    """What writes a text that is made then."""
+    return lambda path: _save_text(path, text())
 
 
 def _save_text(path: Path, text: str) -> None:

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Floats, as_array, check_kind, check_light, check_map
+from blurmatte.checks import Bools, Box, Floats, check_kind, check_light, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting.maps import Grade, PixelMaps, Quality
@@ -56,14 +56,13 @@ class Solution(Displayed):
     sweep: Sweep | None = None
 
     def __post_init__(self) -> None:
-        for name in ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality"):
-            object.__setattr__(self, name, as_array(name, getattr(self, name)))
-        check_light("premultiplied", self.premultiplied)
-        shape = self.premultiplied.shape[:2]
-        check_map("alpha", self.alpha, shape)
-        check_map("alpha_std", self.alpha_std, shape)
-        check_map("premultiplied_std", self.premultiplied_std, self.premultiplied.shape)
-        check_map("quality", self.quality, shape, kinds="u")
+        light = check_light("premultiplied", self.premultiplied)
+        object.__setattr__(self, "premultiplied", light)
+        one, three = light.shape[:2], light.shape
+        shapes = {"alpha": one, "alpha_std": one, "premultiplied_std": three, "quality": one}
+        for name, shape in shapes.items():
+            kinds = "u" if name == "quality" else "f"
+            object.__setattr__(self, name, check_map(name, getattr(self, name), shape, kinds))
         check_kind("stats", self.stats, SolutionStats, "use blurmatte.matting.SolutionStats")
 
     def __repr__(self) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 
 from blurmatte.background import Matching, PlateGuess, agreement, fit_match
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, as_array, check_kind, check_map, check_same_size
+from blurmatte.checks import Bools, check_kind, check_map, check_same_size
 from blurmatte.color.color_projection import streak_of_color
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
@@ -204,10 +204,10 @@ def _matched(
     measured = image.noise is None and plate.noise is None
     image, plate = with_noise(image, match.apply(plate))
     image = without_outliers(image, plate)
+    shape = image.valid.shape
     hidden = (
-        np.zeros(image.valid.shape, bool) if occluder is None else as_array("occluder", occluder)
+        np.zeros(shape, bool) if occluder is None else check_map("occluder", occluder, shape, "b")
     )
-    check_map("occluder", hidden, image.valid.shape, kinds="b")
     if hidden.any():
         # Clipped light is set to 0 there: no channel of an occluded pixel has information.
         rgb = np.where((hidden & ~image.valid)[..., None], image.rgb.dtype.type(0), image.rgb)

@@ -9,7 +9,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Floats
-from blurmatte.metrics.inputs import check_alphas
+from blurmatte.metrics.inputs import checked_alphas
 
 
 def alpha_rmse(estimated: Floats, true: Floats) -> float:
@@ -73,8 +73,9 @@ def alpha_sum_bias(estimated: Floats, true: Floats) -> float:
         If an argument is not (H, W) float, the sizes differ, a number is not finite, or the true
         alpha is above 0 nowhere.
     """
-    error = _error(estimated, true)
-    return float(np.sum(error) / np.sum(true[true > 0], dtype=float))
+    estimated, true, streak = checked_alphas(estimated, true)
+    error = estimated[streak].astype(float) - true[streak]
+    return float(np.sum(error) / np.sum(true[streak], dtype=float))
 
 
 def alpha_gradient_error(estimated: Floats, true: Floats) -> float:
@@ -101,7 +102,7 @@ def alpha_gradient_error(estimated: Floats, true: Floats) -> float:
         If an argument is not (H, W) float, the sizes differ, a number is not finite, or the true
         alpha is above 0 nowhere.
     """
-    streak = check_alphas(estimated, true)
+    estimated, true, streak = checked_alphas(estimated, true)
     error = _gradient_magnitude(estimated) - _gradient_magnitude(true)
     return float(np.sum(error[streak] ** 2))
 
@@ -126,7 +127,7 @@ def false_alpha(estimated: Floats, true: Floats, margin: float = 0) -> float:
         If an alpha is not (H, W) float, the sizes differ, a number is not finite, the true alpha is
         above 0 nowhere, nothing lies outside, or the margin is negative.
     """
-    streak = check_alphas(estimated, true)
+    estimated, true, streak = checked_alphas(estimated, true)
     if not margin >= 0:
         raise ValueError(f"margin must be 0 or more pixels, got {margin}")
     outside = scipy.ndimage.distance_transform_edt(~streak) > margin
@@ -137,7 +138,7 @@ def false_alpha(estimated: Floats, true: Floats, margin: float = 0) -> float:
 
 def _error(estimated: Floats, true: Floats) -> Array:
     """(n,) error of alpha at the pixels of the streak."""
-    streak = check_alphas(estimated, true)
+    estimated, true, streak = checked_alphas(estimated, true)
     return np.asarray(estimated[streak].astype(float) - true[streak])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools, check_map
+from blurmatte.checks import Array, Bools, as_array, check_map
 from blurmatte.metrics.inputs import check_all_finite
 
 
@@ -64,14 +64,17 @@ def calibration(
         If the shapes differ, a std is negative, an estimate with a usable std or its truth is not
         finite, or nothing remains.
     """
-    x, s, t = (np.asarray(a, dtype=float) for a in (estimate, std, truth))
+    x, s, t = (
+        np.asarray(as_array(name, value), dtype=float)
+        for name, value in (("estimate", estimate), ("std", std), ("truth", truth))
+    )
     for name, value in (("std", s), ("truth", t)):
         if value.shape != x.shape:
             raise ValueError(
                 f"{name} must have the shape of estimate, {x.shape}, got {value.shape}"
             )
     if where is not None:
-        check_map("where", where, x.shape[: np.ndim(where)], kinds="b")
+        where = check_map("where", where, x.shape[: np.ndim(where)], kinds="b")
         x, s, t = x[where], s[where], t[where]
     if np.any(s < 0):
         raise ValueError(f"std must not be negative, got {int(np.sum(s < 0))} that are")

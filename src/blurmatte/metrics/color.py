@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools, Floats, check_light, check_same_size
+from blurmatte.checks import Array, Bools, Floats, as_array, check_light, check_same_size
 from blurmatte.layer import Layer
 from blurmatte.metrics.inputs import check_all_finite, check_layer, picture_size, streak_of
 from blurmatte.radiometry import SRGB, LinearImage
@@ -55,8 +55,8 @@ def color_distance(estimated: npt.ArrayLike, true: npt.ArrayLike) -> ColorDistan
     ValueError
         For other shapes, numbers that are not finite, black, and two columns of one hue.
     """
-    Q = _estimated_span(np.asarray(estimated, dtype=float))
-    o = _true_colors(np.asarray(true, dtype=float))
+    Q = _estimated_span(np.asarray(as_array("estimated", estimated), dtype=float))
+    o = _true_colors(np.asarray(as_array("true", true), dtype=float))
     off = o - o @ Q @ Q.T
     units = 255 * float(np.linalg.norm(off, axis=1).max())
     T = _span(o)
@@ -84,7 +84,7 @@ def premultiplied_rmse(estimated: Floats, true: Layer) -> float:
         If `estimated` is not (H, W, 3) float, the sizes differ, a number is not finite, or `true`
         holds no streak.
     """
-    check_light("estimated", estimated)
+    estimated = check_light("estimated", estimated)
     check_all_finite("estimated", estimated)
     check_layer("true", true)
     check_same_size("estimated", picture_size(estimated), "true", true.size)

@@ -13,15 +13,17 @@ def check_all_finite(name: str, value: Floats) -> None:
         raise ValueError(f"{name} must be finite, got {lost} NaN or infinite of {value.size}")
 
 
-def check_alphas(estimated: Floats, true: Floats) -> Bools:
-    """Raise unless both are finite float (H, W) of one size; the streak, (H, W) bool."""
-    for name, alpha in (("estimated", estimated), ("true", true)):
-        check_map(name, alpha, np.shape(alpha))
+def checked_alphas(estimated: Floats, true: Floats) -> tuple[Floats, Floats, Bools]:
+    """Both, finite float (H, W) of one size, and the streak, (H, W) bool; raises unless they are so."""
+    pair = []
+    for name, given in (("estimated", estimated), ("true", true)):
+        alpha = check_map(name, given)
         if alpha.ndim != 2:
             raise ValueError(f"{name} must have the shape (height, width), got {alpha.shape}")
         check_all_finite(name, alpha)
-    check_same_size("estimated", picture_size(estimated), "true", picture_size(true))
-    return streak_of(true)
+        pair.append(alpha)
+    check_same_size("estimated", picture_size(pair[0]), "true", picture_size(pair[1]))
+    return pair[0], pair[1], streak_of(pair[1])
 
 
 def check_layer(name: str, value: object) -> None:

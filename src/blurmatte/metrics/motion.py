@@ -100,7 +100,7 @@ def subframe_psnr(estimated: Floats | None, true: Floats, plate: Floats) -> floa
         If an argument is not such an array, sizes or numbers of sub-frames differ, a number is not
         finite, or `true` or `plate` leaves 0…1.
     """
-    shown = _shown(estimated, true, plate)
+    shown, true = _shown(estimated, true, plate)
     error = float(np.mean((shown - true) ** 2))
     return min(-10 * float(np.log10(error)), _MAX_PSNR) if error > 0 else _MAX_PSNR
 
@@ -134,7 +134,7 @@ def subframe_ssim(estimated: Floats | None, true: Floats, plate: Floats) -> floa
         If an argument is not such an array, sizes or numbers of sub-frames differ, a number is not
         finite, or `true` or `plate` leaves 0…1; if `true` is too small or all of one value.
     """
-    shown = _shown(estimated, true, plate)
+    shown, true = _shown(estimated, true, plate)
     if min(true.shape[1:3]) < _WINDOW:
         raise ValueError(f"true must be {_WINDOW} by {_WINDOW} pixels or more, got {true.shape}")
     span = float(np.ptp(true.astype(float)))
@@ -143,28 +143,30 @@ def subframe_ssim(estimated: Floats | None, true: Floats, plate: Floats) -> floa
     return float(np.mean([_ssim(a, b, span) for a, b in zip(shown, true, strict=True)]))
 
 
-def _shown(estimated: Floats | None, true: Floats, plate: Floats) -> Array:
-    """(n, H, W, 3) the estimated stack in the direction that fits better; the plate for None."""
-    _check_stack("true", true)
+def _shown(estimated: Floats | None, true: Floats, plate: Floats) -> tuple[Array, Floats]:
+    """(n, H, W, 3) the estimated stack in the direction that fits better, and the true one.
+
+    Of None the plate is shown.
+    """
+    true = _check_stack("true", true)
     _check_range("true", true)
-    check_light("plate", plate)
-    check_map("plate", plate, true.shape[1:])
+    plate = check_map("plate", check_light("plate", plate), true.shape[1:])
     check_all_finite("plate", plate)
     _check_range("plate", plate)
     if estimated is None:
-        return np.broadcast_to(plate.astype(float), true.shape)
-    _check_stack("estimated", estimated)
-    check_map("estimated", estimated, true.shape)
-    stack = estimated.astype(float)
+        return np.broadcast_to(plate.astype(float), true.shape), true
+    estimated = _check_stack("estimated", estimated)
+    stack = check_map("estimated", estimated, true.shape).astype(float)
     forth, back = (np.sum((order - true) ** 2) for order in (stack, stack[::-1]))
-    return stack if forth <= back else stack[::-1]
+    return stack if forth <= back else stack[::-1], true
 
 
-def _check_stack(name: str, value: Floats) -> None:
-    check_map(name, value, np.shape(value))
-    if value.ndim != 4 or value.shape[3] != 3 or value.size == 0:
-        raise ValueError(f"{name} must have the shape (n, height, width, 3), got {value.shape}")
-    check_all_finite(name, value)
+def _check_stack(name: str, value: Floats) -> Floats:
+    stack: Floats = check_map(name, value)
+    if stack.ndim != 4 or stack.shape[3] != 3 or stack.size == 0:
+        raise ValueError(f"{name} must have the shape (n, height, width, 3), got {stack.shape}")
+    check_all_finite(name, stack)
+    return stack
 
 
 def _check_range(name: str, value: Floats) -> None:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Generic, TypeVar
+from html import escape
+from typing import Any, Generic, Protocol, SupportsIndex, TypeVar, overload, runtime_checkable
 
 Row = TypeVar("Row")
+Listed = TypeVar("Listed", bound="TableRow")
+_SHOWN_ROWS = 20  # of a table that a notebook shows
 
 
 @dataclass(frozen=True)
@@ -27,6 +30,62 @@ class Column(Generic[Row]):
     of: Callable[[Row], Any]
 
 
+@runtime_checkable
+class TableRow(Protocol):
+    """A row that knows its columns."""
+
+    @property
+    def columns(self) -> Sequence[Column[Any]]:
+        """The columns of its table."""
+        ...
+
+    def numbers(self) -> dict[str, Any]:
+        """The values by the names of the columns."""
+        ...
+
+
+class Rows(list[Listed]):
+    """A list of rows, which a notebook shows as a table."""
+
+    @overload
+    def __getitem__(self, key: SupportsIndex) -> Listed: ...
+    @overload
+    def __getitem__(self, key: slice) -> Rows[Listed]: ...
+    def __getitem__(self, key: SupportsIndex | slice) -> Listed | Rows[Listed]:
+        """A row, or a table of some rows."""
+        return (
+            Rows(super().__getitem__(key)) if isinstance(key, slice) else super().__getitem__(key)
+        )
+
+    def _repr_html_(self) -> str:
+        return html_table(self)
+
+
 def numbers_of(columns: Iterable[Column[Row]], row: Row) -> dict[str, Any]:
     """The values of a row by the names of their columns, in order."""
     return {column.name: column.of(row) for column in columns}
+
+
+def html_table(rows: Sequence[TableRow]) -> str:
+    """The first rows as a table of HTML, without the columns that are empty in them."""
+    shown = [row.numbers() for row in rows[:_SHOWN_ROWS]]
+    columns = rows[0].columns if rows else ()
+    used = [one for one in columns if any(row[one.name] not in (None, "") for row in shown)]
+    head = "".join(f"<th>{escape(one.name)}{_small(one.unit)}</th>" for one in used)
+    body = "".join(
+        f"<tr>{''.join(f'<td>{_cell(row[one.name])}</td>' for one in used)}</tr>" for row in shown
+    )
+    more = f", {len(rows) - len(shown)} more" if len(rows) > len(shown) else ""
+    counted = f"{len(rows)} rows of {len(columns)} columns{more}"
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table><p>{counted}</p>"
+
+
+def _small(unit: str) -> str:
+    return f"<br><small>{escape(unit)}</small>" if unit else ""
+
+
+def _cell(value: Any) -> str:
+    """A value in at most four digits; nothing for one that is missing."""
+    if value is None:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else escape(str(value))

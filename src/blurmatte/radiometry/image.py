@@ -15,11 +15,13 @@ from blurmatte.checks import (
     Floats,
     as_array,
     check_box,
+    check_channels,
     check_finite,
     check_kind,
     check_light,
     check_map,
     rows_columns,
+    without_mask,
 )
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
@@ -124,8 +126,8 @@ class LinearImage(Displayed):
     meta : Meta
         Metadata of the file.
 
-    Pixels that are masked in a masked array are not valid. Floats of another size or byte order and
-    objects with `__array__` are converted.
+    Arrays of other packages in main memory are taken as NumPy views them, and floats of another size or
+    byte order are converted. Pixels that are masked in a masked array are not valid.
 
     Raises
     ------
@@ -140,28 +142,21 @@ class LinearImage(Displayed):
     meta: Meta = Meta()
 
     def __post_init__(self) -> None:
-        if isinstance(self.rgb, np.ma.MaskedArray):
-            self._take_mask(self.rgb)
-        for name in ("rgb", "noise", "valid"):
-            object.__setattr__(self, name, as_array(name, getattr(self, name)))
-        check_light("rgb", self.rgb)
-        check_finite("rgb", self.rgb)
-        if self.valid is None:
-            object.__setattr__(self, "valid", np.ones(self.rgb.shape[:2], dtype=bool))
-        check_map("valid", self.valid, self.rgb.shape[:2], kinds="b")
-        if not isinstance(self.noise, Noise | None):
-            check_map("noise", self.noise, self.rgb.shape)
-            check_finite("noise", self.noise, MAX_LIGHT**2)
-            if np.min(self.noise) < 0:
-                raise ValueError(f"noise holds variances, got {np.min(self.noise):g}")
-
-    def _take_mask(self, rgb: np.ma.MaskedArray) -> None:
-        """Masked pixels become invalid ones of light 0."""
-        masked = np.ma.getmaskarray(rgb)
-        seen = ~masked.any(axis=-1) if masked.ndim == 3 else ~masked
-        valid = seen if self.valid is None else seen & np.asarray(self.valid)
-        object.__setattr__(self, "rgb", rgb.filled(0))
+        rgb, valid = without_mask(self.rgb, self.valid)
+        rgb = check_light("rgb", rgb)
+        check_finite("rgb", rgb)
+        shape = rgb.shape[:2]
+        valid = (
+            np.ones(shape, bool) if valid is None else check_map("valid", valid, shape, kinds="b")
+        )
+        object.__setattr__(self, "rgb", rgb)
         object.__setattr__(self, "valid", valid)
+        if not isinstance(self.noise, Noise | None):
+            noise = check_map("noise", self.noise, rgb.shape)
+            check_finite("noise", noise, MAX_LIGHT**2)
+            if np.min(noise) < 0:
+                raise ValueError(f"noise holds variances, got {np.min(noise):g}")
+            object.__setattr__(self, "noise", noise)
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -359,11 +354,11 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     Returns
     -------
     LinearImage
-        float32 light; `valid` is False where a channel is saturated.
+        float32 light; `valid` is False where a channel is saturated or, in a masked array, masked.
 
     Raises
     ------
-    TypeError
+    TypeError, ValueError
         If the codes are no such array, or the transfer is no Transfer.
     """
     check_kind(
@@ -372,10 +367,13 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
         Transfer,
         "use blurmatte.SRGB, or blurmatte.radiometry.named_transfer(name)",
     )
+    codes, seen = without_mask(codes)
+    codes = as_array("codes", codes)
     if not isinstance(codes, np.ndarray):
         raise TypeError(f"codes must be a NumPy array, got {type(codes).__name__}")
     if codes.dtype not in (np.uint8, np.uint16):
         raise TypeError(f"codes must be uint8 or uint16, got {codes.dtype}")
+    check_channels("codes", codes)
     top = np.iinfo(codes.dtype).max
     table, light = transfer.table(top + 1).astype(np.float32), np.empty(codes.shape, np.float32)
     band = 16  # rows at a time: NumPy converts the codes to indices of eight bytes
@@ -383,4 +381,5 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
         table.take(codes[rows], out=light[rows], mode="clip")  # no code is beyond the table
     red, green, blue = (codes[..., c] != top for c in range(3))
     valid = red & green & blue  # eight times as fast as `all` over the last axis
+    valid = valid if seen is None else valid & seen
     return LinearImage(light, valid=valid, meta=Meta(transfer=transfer, levels=int(top) + 1))

@@ -242,8 +242,8 @@ class Ball:
         )
 
 
-def _check_texture(texture: Array) -> Array:
-    check_light("texture", texture)
+def _check_texture(given: Array) -> Array:
+    texture = check_light("texture", given)
     check_finite("texture", texture)
     if texture.min() < 0 or not texture.any():
         raise ValueError(f"texture must not be negative nor all 0, its least is {texture.min()}")

@@ -173,7 +173,7 @@ class Camera:
         """
         if self.bits is None:
             raise ValueError("a camera with bits None has no code values; use photograph")
-        seen = self._developed(self._behind_lens(light), rng)
+        seen = self._developed(self.through_optics(check_light("light", light)), rng)
         values = self.transfer.encode(seen)
         if self.processing.active:
             values = self._processed(np.clip(values, 0, 1), seen)
@@ -216,8 +216,9 @@ class Camera:
         TypeError, ValueError
             If `light` is not linear light, or a mosaic has less than 2x2 pixels.
         """
+        light = check_light("light", light)
         if self.bits is None:
-            return self._photograph_floats(self._behind_lens(light), rng)
+            return self._photograph_floats(self.through_optics(light), rng)
         codes = self.expose(light, rng)
         compression = None
         if self.jpeg_quality is not None:
@@ -233,10 +234,6 @@ class Camera:
             return LinearImage(seen, noise=self._known_noise(light))
         values = self._processed(self.transfer.encode(seen), seen)
         return LinearImage(np.asarray(self.transfer.decode(values), dtype=light.dtype))
-
-    def _behind_lens(self, light: Floats) -> Floats:
-        check_light("light", light)
-        return self.through_optics(light)
 
     def _developed(self, light: Floats, rng: Rng) -> Floats:
         """Light with all its noise, before encoding; shape and dtype of `light`."""

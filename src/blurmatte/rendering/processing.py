@@ -121,7 +121,7 @@ def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:
     approximation above about 20 electrons per pixel (light > 20 · gain). The parameters are those of
     `Camera.photograph`.
     """
-    check_light("light", light)
+    light = check_light("light", light)
     return np.asarray(noisy(light, noise, np.random.default_rng(rng)), dtype=light.dtype)
 
 

@@ -172,7 +172,7 @@ class Scene:
     pixel_filter: float = 0.0
 
     def __post_init__(self) -> None:
-        check_light("plate", self.plate)
+        object.__setattr__(self, "plate", check_light("plate", self.plate))
         if not np.all(np.isfinite(self.plate)):
             raise ValueError("plate must be finite")
         if not isinstance(self.trajectory, Trajectory):

@@ -54,7 +54,7 @@ class Drift:
         Interpolation is by a spline of order 5, the least blurring one of SciPy, so light may ring
         below 0 at hard edges. It is not clipped. The picture is mirrored at its border.
         """
-        check_light("light", light)
+        light = check_light("light", light)
         if self.shift != (0, 0) or self.rotation:
             light = self._moved(light)
         if self.gain != (1, 1, 1):
@@ -137,8 +137,7 @@ def photograph_pair(
     frames, the image, the other half. Raises TypeError or ValueError as `Camera.photograph`, and for
     different sizes.
     """
-    check_light("image", image)
-    check_light("plate", plate)
+    image, plate = check_light("image", image), check_light("plate", plate)
     check_same_size("image", image.shape[1::-1], "plate", plate.shape[1::-1])
     if plate_frames < 1:
         raise ValueError(f"plate_frames must be 1 or more, got {plate_frames}")

@@ -1,5 +1,7 @@
 """Scene files, rendered scenes on disk with their truth, and scores of answers."""
 
+from blurmatte.scenes.archive import archive_scenes as archive_scenes
+from blurmatte.scenes.archive import save_archive as save_archive
 from blurmatte.scenes.reading import read_shots as read_shots
 from blurmatte.scenes.reading import scene_names as scene_names
 from blurmatte.scenes.reading import scene_text as scene_text

@@ -54,7 +54,7 @@ class Truth:
     """The truth of a scene that `save_shot` wrote."""
 
     layer: Layer  # true alpha and premultiplied light
-    plate: LinearImage  # the plate behind the object, without noise
+    plate: LinearImage  # the plate behind the object, without noise; in an archive, the given one
     trajectory: Trajectory  # true path of the center
     radius: float  # extent of the object from its center at the start, pixels
     subframes: tuple[Layer, ...]  # sharp layers at the middles of equal parts of the exposure
@@ -93,7 +93,7 @@ def find_scenes(folder: str | Path) -> list[Path]:
 
 
 def read_truth(folder: str | Path) -> Truth:
-    """Read the truth of a scene from the folder that `save_shot` wrote.
+    """Read the truth of a scene from the folder that `save_shot` wrote, or of an archive.
 
     Raises
     ------
@@ -104,7 +104,9 @@ def read_truth(folder: str | Path) -> Truth:
     trajectory, radius = read_path(truth / "path.json")
     if radius is None:
         raise FileError(f"{truth / 'path.json'}: has no radius; render the scene again")
-    plate, layer = read(truth / "plate.exr"), read_layer(truth / "layer.exr")
+    plates = truth / "plate.exr", Path(folder) / "plate.exr", Path(folder) / "plate.png"
+    plate = read(next((path for path in plates if path.is_file()), plates[0]))
+    layer = read_layer(truth / "layer.exr")
     return Truth(layer, plate, trajectory, radius, _subframes(truth) or ())
 
 

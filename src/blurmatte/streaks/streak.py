@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, as_array, check_kind, check_map, rows_columns
+from blurmatte.checks import Bools, Box, Floats, check_kind, check_map, rows_columns
 
 MAX_EXPECTED = 0.05  # false streaks in a picture: a streak with fewer is significant
 _TILE_CELLS = 8, 32  # at least: T is correlated over fewer; at most
@@ -84,9 +84,10 @@ class Streak:
     expected_false: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mask", as_array("mask", self.mask))
-        shape = self.mask.shape[:2] if isinstance(self.mask, np.ndarray) else ()
-        check_map("mask", self.mask, shape, kinds="b")
+        mask = check_map("mask", self.mask, kinds="b")
+        if mask.ndim != 2:
+            raise ValueError(f"mask must have the shape (height, width), got {mask.shape}")
+        object.__setattr__(self, "mask", mask)
         rows, columns = (np.flatnonzero(np.any(self.mask, axis=axis)) for axis in (1, 0))
         if len(rows) == 0:
             raise ValueError("a streak needs at least one pixel; its mask is empty")

@@ -192,6 +192,11 @@ class FrameMotion:
         """The detection with the errors that the frame alone states."""
         return None if self.sighting is None else self.sighting.stated
 
+    @property
+    def columns(self) -> Sequence[Column[FrameMotion]]:
+        """The columns of its table."""
+        return CLIP_COLUMNS
+
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table: `CLIP_COLUMNS`."""
         return numbers_of(CLIP_COLUMNS, self)

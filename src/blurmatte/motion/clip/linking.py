@@ -17,6 +17,7 @@ from blurmatte.motion.clip.detections import (
 from blurmatte.motion.clip.robust_curve import comparable_rows
 from blurmatte.motion.clip.scatter import Scatter, scatter_of
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
+from blurmatte.motion.columns import Rows
 
 _OFF_TRACK = "the object's track does not go there; {} streak{} of its color ignored"
 _NO_TRACK = "{} streak{} of the color ignored: of several objects at once, or in too few frames"
@@ -28,7 +29,7 @@ _MIN_PEAK_FRACTION = 0.003  # of the strongest streak's evidence: a coding artif
 _MAX_SIZE_RATIO = 2.0  # to the median radius: larger or smaller is doubtful
 
 
-def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
+def link_sightings(frames: Iterable[FrameSightings]) -> Rows[FrameMotion]:
     """Join the detections in single frames to the track of one object, in the direction of time.
 
     Detections in successive frames are joined to tracks. The object is the track with the most
@@ -57,10 +58,10 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
         rows += [_row(frame, index, t, n, radius, others) for n, t in mine] or [
             _empty_row(frame, _OFF_TRACK)
         ]
-    return _compared(rows)
+    return Rows(_compared(rows))
 
 
-def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> list[FrameMotion]:
+def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[FrameMotion]:
     """Join the detections in single frames to tracks of several objects, in the direction of time.
 
     Each track is an object; an object that was lost for more than five frames gets a new number when it
@@ -98,7 +99,7 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> list[Frame
             replace(_row(frame, index, found[n], n + 1, radii[n], others), object=n + 1)
             for n in seen
         ] or [_empty_row(frame, _NO_TRACK)]
-    return _compared(rows)
+    return Rows(_compared(rows))
 
 
 def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:

@@ -112,7 +112,7 @@ class StaticScene:
         if camera is not None:
             return cls._seen_by(camera, frames, plate, hidden)
         if hidden is not None:
-            check_map("occluder", hidden, plate.valid.shape, kinds="b")
+            hidden = check_map("occluder", hidden, plate.valid.shape, kinds="b")
             plate = replace(plate, valid=plate.valid & ~hidden)
         first = frames[0]
         first = replace(first, meta=replace(first.meta, coding=None))  # crops have it by `coding`
@@ -134,7 +134,7 @@ class StaticScene:
     ) -> StaticScene:
         """The scene of a camera that moves; the gate is that of the frame in the middle."""
         if hidden is not None:
-            check_map("occluder", hidden, camera.size[::-1], kinds="b")
+            hidden = check_map("occluder", hidden, camera.size[::-1], kinds="b")
         k = camera.registered[len(camera.registered) // 2]
         first = frames[k]
         first = replace(first, meta=replace(first.meta, coding=None))

@@ -41,6 +41,7 @@ from blurmatte.motion.clip.solving import (
     wanted_frames,
 )
 from blurmatte.motion.clip.workers import LOG, Failure, Workers, logged, parts_of, shared, successes
+from blurmatte.motion.columns import Rows
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import coded_frames, each_coded
 
@@ -287,7 +288,7 @@ def measure_clip(
     several: bool = False,
     rate: float | None = None,
     workers: int | Workers = 1,
-) -> list[FrameMotion]:
+) -> Rows[FrameMotion]:
     """Measure a moving object, or several, in all frames of a clip of a fixed camera.
 
     All frames share one plate and one color. Streaks of that color are measured in each frame alone
@@ -326,7 +327,7 @@ def measure_clip(
     """
     clip = ClipInputs(_sited(frames, plate), plate, model, several, rate=rate)
     with shared(workers) as processes:
-        return whole(measured(clip, processes)).in_frames
+        return Rows(whole(measured(clip, processes)).in_frames)
 
 
 def solve_clip(

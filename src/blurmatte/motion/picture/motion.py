@@ -33,6 +33,7 @@ from blurmatte.checks import (
 )
 from blurmatte.errors import MotionError
 from blurmatte.motion.picture.error_budget import check_std
+from blurmatte.notebook import Displayed
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory, derivative
 
@@ -202,7 +203,7 @@ class Speed:
 
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class Motion(Displayed):
     """Position, path length, direction and size of an object during the exposure.
 
     Times are fractions of the exposure. A single picture does not determine the direction of time: the

@@ -1,0 +1,1 @@
+"""Programs of others on the archive of scenes: each adapter reads pictures and writes layers."""

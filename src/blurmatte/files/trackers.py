@@ -1,0 +1,157 @@
+"""Rows of a clip as tables of other programs, each as its documentation states it.
+
+=================  =========================================================================
+.napari.csv        napari: a row for each point, `track_id`, `t`, `y`, `x`, then all other numbers
+.trackmate.xml     TrackMate: spots with their radius in frames, and the edges of each track
+.kinovea.txt       Kinovea: its export of trajectories as text, time and place
+.tracker.txt       Tracker (Open Source Physics): a data track of one object, y upwards
+=================  =========================================================================
+
+Of rows without the object nothing is written. Errors have a place only in napari's table.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+from blurmatte.files.documents import rows_to_csv
+
+Rows = Sequence[Mapping[str, Any]]
+_NEEDED = "frame", "time", "object", "track", "x", "y", "radius"
+
+
+def tracker_formats(rows: Rows) -> Mapping[str, Callable[[], str]]:
+    """What writes the text of each format, by the end of the name; none if these are no tracks."""
+    if not all(name in rows[0] for name in _NEEDED):
+        return {}
+    return {
+        ".napari.csv": lambda: _napari(rows),
+        ".trackmate.xml": lambda: _trackmate(rows),
+        ".kinovea.txt": lambda: _kinovea(rows),
+        ".tracker.txt": lambda: _tracker(rows),
+    }
+
+
+def _seen(rows: Rows) -> dict[int, list[Mapping[str, Any]]]:
+    """The rows with a place, by the number of the track."""
+    tracks: dict[int, list[Mapping[str, Any]]] = {}
+    for row in rows:
+        if row["x"] is not None:
+            tracks.setdefault(row["track"] or 0, []).append(row)
+    return {number: tracks[number] for number in sorted(tracks)}
+
+
+def _napari(rows: Rows) -> str:
+    """The data of a Tracks layer, sorted by track and frame, and its features."""
+    lines = []
+    for number, track in _seen(rows).items():
+        for row in track:
+            place = {"track_id": number, "t": row["frame"], "y": row["y"], "x": row["x"]}
+            used = ("track", "frame", "y", "x", "reason")
+            lines.append(place | {name: row[name] for name in row if name not in used})
+    return rows_to_csv(lines) if lines else "track_id,t,y,x\n"
+
+
+def _trackmate(rows: Rows) -> str:
+    """A model of TrackMate: spots by frame, and edges between the spots of a track."""
+    tracks = _seen(rows)
+    spots = [(row, number) for number, track in tracks.items() for row in track]
+    numbers = {id(row): k for k, (row, _) in enumerate(spots)}
+    frames: dict[int, list[str]] = {}
+    for k, (row, _) in enumerate(spots):
+        values: dict[str, object] = {"ID": k, "name": f"ID{k}", "QUALITY": 1.0}
+        values |= {"POSITION_X": row["x"], "POSITION_Y": row["y"], "POSITION_Z": 0.0}
+        values |= {"POSITION_T": row["frame"] if row["time"] is None else row["time"]}
+        values |= {"FRAME": row["frame"], "RADIUS": row["radius"], "VISIBILITY": 1}
+        frames.setdefault(row["frame"], []).append(_element("Spot", values))
+    timed = all(row["time"] is not None for row, _ in spots)
+    units = {"spatialunits": "pixel", "timeunits": "sec" if timed else "frame"}
+    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<TrackMate version="7.11.1">']
+    lines += [_element("Model", units, empty=False), _FEATURES]
+    lines += [_element("AllSpots", {"nspots": len(spots)}, empty=False)]
+    for frame in sorted(frames):
+        lines += [_element("SpotsInFrame", {"frame": frame}, empty=False), *frames[frame]]
+        lines.append("</SpotsInFrame>")
+    lines += ["</AllSpots>", "<AllTracks>"]
+    linked = {number: track for number, track in tracks.items() if len(track) > 1}
+    for number, track in linked.items():
+        name = {"name": f"Track_{number}", "TRACK_ID": number, "TRACK_INDEX": number}
+        lines.append(_element("Track", name, empty=False))
+        for a, b in pairwise(track):
+            ends = {"SPOT_SOURCE_ID": numbers[id(a)], "SPOT_TARGET_ID": numbers[id(b)]}
+            lines.append(_element("Edge", ends))
+        lines.append("</Track>")
+    lines += ["</AllTracks>", "<FilteredTracks>"]
+    lines += [_element("TrackID", {"TRACK_ID": number}) for number in linked]
+    return "\n".join([*lines, "</FilteredTracks>", "</Model>", "</TrackMate>\n"])
+
+
+def _kinovea(rows: Rows) -> str:
+    """The text that Kinovea exports for Gnuplot: an empty line between trajectories."""
+    parts = [
+        "".join(f"{_time(row)} {row['x']} {row['y']}\n" for row in track)
+        for track in _seen(rows).values()
+    ]
+    return "#Kinovea Trajectory data export\n#T X Y\n" + "\n".join(parts)
+
+
+def _tracker(rows: Rows) -> str:
+    """A data track: names of columns, then numbers, separated by tabs.
+
+    Its pictures have the origin in the corner of the first pixel, and y upwards.
+    """
+    objects = {row["object"] for row in rows if row["x"] is not None}
+    if len(objects) > 1:
+        raise ValueError(
+            f"a data track of Tracker holds one object, got {len(objects)}; write .trackmate.xml, or "
+            "choose the rows of one object"
+        )
+    lines = [
+        f"{_time(row)}\t{row['x'] + 0.5}\t{-(row['y'] + 0.5)}\n"
+        for row in rows
+        if row["x"] is not None
+    ]
+    return "t\tx\ty\n" + "".join(lines)
+
+
+def _time(row: Mapping[str, Any]) -> Any:
+    """The time of a row in seconds; its frame if that is not known."""
+    return row["frame"] if row["time"] is None else row["time"]
+
+
+def _element(name: str, values: Mapping[str, object], empty: bool = True) -> str:
+    """A tag of XML with its attributes."""
+    attributes = "".join(f" {key}={quoteattr(str(value))}" for key, value in values.items())
+    return f"<{name}{attributes}{' /' if empty else ''}>"
+
+
+def _feature(name: str, title: str, short: str, dimension: str, whole: bool) -> str:
+    values = {"feature": name, "name": title, "shortname": short, "dimension": dimension}
+    return _element("Feature", values | {"isint": str(whole).lower()})
+
+
+_FEATURES = "\n".join(
+    [
+        "<FeatureDeclarations>",
+        "<SpotFeatures>",
+        _feature("QUALITY", "Quality", "Quality", "QUALITY", False),
+        _feature("POSITION_X", "X", "X", "POSITION", False),
+        _feature("POSITION_Y", "Y", "Y", "POSITION", False),
+        _feature("POSITION_Z", "Z", "Z", "POSITION", False),
+        _feature("POSITION_T", "T", "T", "TIME", False),
+        _feature("FRAME", "Frame", "Frame", "NONE", True),
+        _feature("RADIUS", "Radius", "R", "LENGTH", False),
+        _feature("VISIBILITY", "Visibility", "Visibility", "NONE", True),
+        "</SpotFeatures>",
+        "<EdgeFeatures>",
+        _feature("SPOT_SOURCE_ID", "Source spot ID", "Source ID", "NONE", True),
+        _feature("SPOT_TARGET_ID", "Target spot ID", "Target ID", "NONE", True),
+        "</EdgeFeatures>",
+        "<TrackFeatures>",
+        _feature("TRACK_ID", "Track ID", "ID", "NONE", True),
+        _feature("TRACK_INDEX", "Track index", "Index", "NONE", True),
+        "</TrackFeatures>",
+        "</FeatureDeclarations>",
+    ]
+)
