@@ -8,6 +8,7 @@ from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.checks import (
+    as_array,
     check_box,
     check_finite,
     check_kind,
@@ -355,3 +356,10 @@ def test_a_box_is_a_part_of_arrays_and_boxes_have_an_enclosing_one():
     assert_array_equal(part[rows_columns(box, whole)], picture[rows_columns(box)])
     assert enclosing([box, (0, 3, 3, 6), (4, 2, 8, 3)]) == (0, 1, 8, 6)
     assert enclosing([box]) == box
+
+
+def test_numbers_of_eight_bits_are_refused():
+    """door: 16 bits of another package, as NumPy sees its bfloat16."""
+    rounded = np.zeros((2, 2, 3), np.dtype("V2"))
+    with pytest.raises(TypeError, match=r"bfloat16 has 8 bits.* as float32"):
+        as_array("rgb", rounded)
