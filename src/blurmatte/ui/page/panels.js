@@ -82,9 +82,11 @@ function MoreOptions() {
     h(Field, { name: "Seconds at most", value: store.seconds, hint: "for new shapes", onChange: (/** @type {string} */ seconds) => change({ seconds }) }),
     isClip() && [
       h(Field, { name: "Layers of a clip", value: store.layers, hint: "exr, png, tif, mov", onChange: (/** @type {string} */ layers) => change({ layers }) }),
-      h(Check, { name: "All objects of that color", checked: store.several, onChange: (/** @type {boolean} */ several) => change({ several }) }),
+      h(Several, null),
     ]);
 }
+
+const Several = () => h(Check, { name: "All objects of that color", checked: store.several, onChange: (/** @type {boolean} */ several) => change({ several }) });
 
 /** The grade in words, the reasons, the colors that fit, and files. @param {{found: any}} props */
 function Answer({ found }) {
@@ -224,6 +226,7 @@ export function Measure() {
       h(FileField, { label: "Camera", source: ruler.camera, clear: () => set({ camera: null }) }),
       clip && h(Field, { name: "Gravity", value: ruler.gravity, hint: "9.81, gives the scale", onChange: (/** @type {string} */ gravity) => set({ gravity }) }),
       !clip && h(Check, { name: "Also how far it turned", checked: store.rotation, onChange: (/** @type {boolean} */ rotation) => change({ rotation }) })),
+    clip && h(Several, null),
     clip ? h("button", { class: "main", disabled: !store.picture, onClick: () => trackNow() }, "Track")
       : h("button", { class: "main", disabled: !own, onClick: () => own && run("measure",
         ruler.plane.length || ruler.camera ? words.locate(own, measured()) : words.measure(own, measured(), store.rotation), "measure") }, "Measure"),
@@ -268,11 +271,7 @@ function Motion({ found, number }) {
 /** @param {any} found */
 function speedInWords(found) {
   const { mean_speed: value, mean_speed_std: std, speed_unit: unit } = found;
-  const both = (/** @type {number} */ factor) => {
-    const digits = Math.max(0, 1 - Math.floor(Math.log10(factor * std || 1e-3)));
-    return `${(factor * value).toFixed(Math.min(digits, 6))} ± ${(factor * std).toFixed(Math.min(digits, 6))}`;
-  };
-  return unit === "m/s" ? `${both(3.6)} km/h (${both(1)} m/s)` : `${both(1)} ${unit}`;
+  return unit === "m/s" ? `${words.withError(3.6 * value, 3.6 * std)} km/h (${words.withError(value, std)} m/s)` : `${words.withError(value, std)} ${unit}`;
 }
 
 // Sharp

@@ -61,6 +61,7 @@ export const store = {
   answers: /** @type {Map<number, any>} */ (new Map()), // what ended jobs answered
   picked: /** @type {any} */ (null),
   under: /** @type {any} */ (null), // values under the cursor
+  pointed: /** @type {number | null} */ (null), // the frame of the charts under the cursor
 };
 
 const kept = sessionStorage.getItem(KEPT);

@@ -129,6 +129,28 @@ export const track = (clip, plate, ruler, how) =>
     ...option("--gravity", ruler.gravity),
     "-o", { out: "track.csv" }, "--overlay", { out: "track.png" }, "--json"];
 
+/** The shots of a clip. @param {Source} clip @returns {Words} */
+export const shots = (clip) => ["info", clip, "--shots", "--json"];
+
+/** A value and its error, with two digits of the error. @param {number} value @param {number | null} [std] */
+export function withError(value, std) {
+  if (!std) return String(Number(value.toPrecision(4)));
+  const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(std))), 6);
+  return `${value.toFixed(digits)} ± ${std.toFixed(digits)}`;
+}
+
+/** The acceleration of a fall, and what follows from it. @param {any} fall */
+export function fallInWords(fall) {
+  const metric = fall.acceleration_in_m_per_s2 !== undefined;
+  const size = metric ? withError(fall.acceleration_in_m_per_s2, fall.acceleration_in_m_per_s2_std) : withError(fall.acceleration, fall.acceleration_std);
+  const unit = metric ? "m/s²" : "place_z" in fall ? "m/s²" : "pixels/s²";
+  const off = fall.off.length ? ` Without weight: frames ${fall.off.join(", ")}.` : "";
+  if (fall.rejection) return `No free fall: ${fall.rejection}.${off}`;
+  const g = metric && fall.gravity === undefined ? `g = ${size} ${unit}` : `acceleration ${size} ${unit}`;
+  const scale = fall.meters_per_pixel === undefined ? "" : ` By gravity a pixel is ${withError(1000 * fall.meters_per_pixel, 1000 * fall.meters_per_pixel_std)} mm.`;
+  return `Free fall (dashed): ${g}.${scale}${off}`;
+}
+
 /** A line as a shell takes it. @param {string[]} words */
 export const quoted = (words) => words.map((word) =>
   /^[\w@%+=:,./#-]+$/.test(word) && !word.startsWith("#") ? word : `'${word.replaceAll("'", "'\\''")}'`).join(" ");
