@@ -133,6 +133,10 @@ def test_changes_are_drawn_as_the_command_writes_them(solved):
     solved.on("request", lambda request: seen.append(request.url))
     solved.get_by_role("slider", name="Fade").fill("0.4")
     solved.get_by_role("slider", name="Expose").fill("0.5")
+    for number, paint in ((2, "#ffffff"), (3, "#2040ff")):
+        solved.get_by_role("button", name="It has another paint").click()
+        solved.get_by_label(f"Paint {number} of the object").fill(paint)
+    solved.get_by_label("New color of paint 2").fill("#20ff80")
     drawn(solved)
     assert not [url for url in seen if "/api/" in url and "pixels" not in url]
     shown = at_1_1(solved, 400, 300).astype(int)

@@ -43,7 +43,7 @@ const CHOSEN = {
   spin: false,
   moments: 9,
   moment: 4,
-  changes: { fade: 1, amplify: 1, recolor: /** @type {string[]} */ ([]), expose: 0, gain: [1, 1, 1] },
+  changes: { fade: 1, amplify: 1, paints: /** @type {string[]} */ ([]), recolor: /** @type {string[]} */ ([]), expose: 0, gain: [1, 1, 1] },
   over: /** @type {Source | null} */ (null),
   place: { x: 0, y: 0, scale: 1 },
   grow: 0,

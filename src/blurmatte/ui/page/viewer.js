@@ -343,14 +343,15 @@ function currentChange() {
   return changeOf(changes, paints.map((one) => one.light), recolored ? colors : [], own.brightest);
 }
 
-/** The paints of the object: its mean color, or those of a model of two.
+/** The paints of the object: its mean color, or those of a model of two; and those that were added.
  * @returns {{hex: string, light: number[]}[]} */
 export function paintsOf() {
   const model = solution()?.model;
   const own = facts(layer())?.layer;
   if (!own) return [];
-  if (model?.rank === 2) return model.hex.map((/** @type {string} */ hex) => ({ hex, light: lightOf(hex) }));
-  return [{ hex: model?.color ?? model?.hex?.[0] ?? clipRow()?.color ?? "#808080", light: own.color }];
+  const found = model?.rank === 2 ? model.hex : [model?.color ?? model?.hex?.[0] ?? clipRow()?.color ?? "#808080"];
+  const all = [...found, ...store.changes.paints].map((/** @type {string} */ hex) => ({ hex, light: lightOf(hex) }));
+  return all.length > 1 ? all : [{ ...all[0], light: own.color }]; // the command takes its mean
 }
 
 /** The pixel at a place. @param {number[]} place @returns {[number, number]} */
