@@ -21,6 +21,7 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import QueryParams
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
@@ -342,10 +343,10 @@ class Requests:
         if question not in _QUESTIONS:
             raise HTTPException(404, f"there is no question {question}")
         kinds = _QUESTIONS[question]
-        path = self._session.source(
-            _number(given.get("file"), int), _number(given.get("job"), int), given.get("name")
-        )
+        path = self._source(given)
         values = {name: _value(given.get(name), kind, name) for name, kind in kinds.items()}
+        if question == "tile" and any(f"beside_{name}" in given for name in ("file", "job")):
+            values["beside"] = self._source(given, "beside_")
         asking = asyncio.ensure_future(self._session.ask(question, path=path, **values))
         while not asking.done():
             await asyncio.wait([asking], timeout=0.2)
@@ -357,6 +358,11 @@ class Requests:
             kind = _TYPES[".png"] if question == "preview" else _DATA
             return Response(answer.data, media_type=kind)
         return _Json(answer.numbers)
+
+    def _source(self, given: QueryParams, prefix: str = "") -> Path:
+        """A file by its number, or a result by its job and name."""
+        file, job = (_number(given.get(prefix + name), int) for name in ("file", "job"))
+        return self._session.source(file, job, given.get(f"{prefix}name"))
 
     async def _quit(self, _: Request) -> Response:
         self.quit()

@@ -301,7 +301,7 @@ export function exchange() {
 function findStreaks() {
   const { picture, plate } = store;
   const pair = JSON.stringify([picture, plate]);
-  if (!picture || !plate || !facts(picture) || isClip() || pair === store.searched) return;
+  if (!picture || !plate || !facts(picture) || isClip() || store.jobs.solve || pair === store.searched) return;
   change({ searched: pair });
   run("find", words.find(picture, plate), "regions");
 }
