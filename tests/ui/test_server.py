@@ -16,7 +16,7 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from tests.ui.programs import is_alive, program, wait_for
+from tests.ui.programs import helpers, is_alive, program, wait_for
 
 import blurmatte.ui.server
 import blurmatte.ui.session
@@ -378,16 +378,6 @@ def ask(server, method, path, body=None):
     with closing(http.client.HTTPConnection(server.place, timeout=10)) as connection:
         connection.request(method, path, body, {"Authorization": f"Bearer {server.key}"})
         return json.loads(connection.getresponse().read())
-
-
-def helpers(server):
-    """Numbers of the processes that a server started."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        words = stat.read_text().rpartition(")")[2].split()
-        if int(words[1]) == server.pid:
-            found.append(int(stat.parent.name))
-    return found
 
 
 def raw(server, *parts, half=False):
