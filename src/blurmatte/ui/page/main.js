@@ -170,7 +170,7 @@ function Progress() {
   return h("div", { class: "progress" },
     h("span", { "aria-live": "polite" }, `${now.title}: ${words}`),
     of ? h("progress", { max: of, value: done, "aria-label": `${now.title}: ${done} of ${of}` }) : h("progress", { "aria-label": now.title }),
-    h("span", null, of ? `${done} of ${of}${time}` : ""),
+    h("span", null, of ? `${done} of ${of}${time}` : now.seconds ? `${inTime(now.seconds)} so far` : ""),
     h("button", { onClick: () => cancel(now.number) }, "Cancel"));
 }
 
