@@ -435,6 +435,18 @@ def test_info_describes_a_picture(scene, tmp_path):
     assert answer.stderr == ""
 
 
+def test_info_lists_the_shots_of_a_clip(tmp_path):
+    pytest.importorskip("av", reason="needs the extra video")
+    views = [bm.LinearImage(colorful_plate((64, 48), seed, tile=12)) for seed in (1, 2)]
+    bm.write_frames(tmp_path / "cut.mov", [views[k > 3] for k in range(9)], 25)
+    answer = json.loads(good("info", tmp_path / "cut.mov", "--shots", "--json").stdout)
+    places = [(shot["start"], shot["stop"], shot["begins_with"]) for shot in answer["shots"]]
+    assert places == [(0, 4, "start"), (4, 9, "cut")]
+    said = good("info", tmp_path / "cut.mov", "--shots").stdout.splitlines()
+    assert said[-2:] == ["shot 1: frames 0 to 3", "shot 2: frames 4 to 8, after a cut"]
+    assert "give a clip" in complaint(run("info", "examples/plain/image.png", "--shots"))
+
+
 def test_info_describes_results(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     good("solve", *files, "--out", tmp_path)

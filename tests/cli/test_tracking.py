@@ -223,6 +223,9 @@ def test_follows_several_objects(track, tmp_path):
     assert [row["object"] for row in answer["rows"]] == [1] * FRAMES
     assert answer["falls"][0]["fits"]
     assert "meters_per_pixel" not in answer["falls"][0]
+    assert answer["falls"][0]["object"] == 1
+    assert answer["falls"][0]["off"] == []
+    assert "points 90° off" in answer["falls"][0]["rejection"]
     words = " ".join(answer["in_words"])
     assert "Found in 5 of 5 frames, 1 object:" in words
     assert "Object 1: in 5 frames, 0 to 4. Radius" in words
@@ -240,6 +243,11 @@ def test_gravity_gives_scale(track, tmp_path):
     answer = json.loads(track(*asked, "--exposure", "1/100").stdout)
     scale, std = (answer["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
     assert abs(scale - 9.81 / (4 * 25**2)) < 4 * std
+    fall = answer["fall"]
+    for row in answer["rows"]:
+        t = row["time"] - fall["time"]
+        x = fall["place_x"] + fall["velocity_x"] * t + fall["acceleration_x"] * t**2 / 2
+        assert abs(row["x"] - x) < 5 * row["x_std"]
     assert answer["rows"][0]["speed"] == pytest.approx(10 * scale * 100, rel=0.05)
     fall = json.loads(track(*asked, "--scale", "1mm").stdout)["fall"]
     assert fall["lengths_by_gravity"] == pytest.approx(1000 * scale)

@@ -5,6 +5,7 @@ import subprocess
 import sys
 import time
 import warnings
+from contextlib import suppress
 from pathlib import Path
 
 
@@ -42,6 +43,17 @@ def is_alive(pid):
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
         return False
+
+
+def helpers(server):
+    """The processes that a server started and that live."""
+    found = set()
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):  # it ended
+            words = path.read_text().rpartition(")")[2].split()
+            if int(words[1]) == server.pid and words[0] != "Z":
+                found.add(int(path.parent.name))
+    return found
 
 
 def wait_for(condition, seconds=10.0):

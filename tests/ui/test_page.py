@@ -1,7 +1,9 @@
 """Door: the page in a browser, from dropping files to downloads. Needs Chromium."""
 
+import csv
 import hashlib
 import io
+import os
 import re
 import shutil
 import signal
@@ -17,6 +19,11 @@ from PIL import Image
 pytest.importorskip("starlette", reason="needs the extra ui")
 pytest.importorskip("playwright", reason="needs playwright")
 from playwright.sync_api import Browser, Page, expect, sync_playwright
+from tests.scenes import rendered
+from tests.ui.programs import helpers, wait_for
+
+import blurmatte as bm
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "plain"
@@ -26,6 +33,7 @@ CHROMIUM = (
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium: apt-get install chromium")
 
 SECONDS = 60_000  # milliseconds of patience, on a busy machine
+expect.set_options(timeout=SECONDS)
 GRAPHICS = [
     "--no-sandbox",
     "--use-gl=angle",
@@ -44,14 +52,24 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    """Of a page that is served."""
+def server(tmp_path_factory) -> Iterator[subprocess.Popen]:
+    """A server, its address and the folder of its temporary files."""
+    folder = tmp_path_factory.mktemp("served")
     line = [sys.executable, "-m", "blurmatte", "ui", "--no-browser"]
-    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as server:
-        assert server.stdout is not None
-        yield server.stdout.readline().strip()
-        server.send_signal(signal.SIGINT)
-        server.wait(20)
+    environment = os.environ | {"TMPDIR": str(folder)}
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True, env=environment) as process:
+        assert process.stdout is not None
+        process.address, process.folder = process.stdout.readline().strip(), folder
+        yield process
+        process.send_signal(signal.SIGINT)
+        process.wait(20)
+    assert list(folder.glob("blurmatte-*")) == []
+
+
+@pytest.fixture(scope="module")
+def address(server) -> str:
+    """Of a page that is served."""
+    return server.address
 
 
 def opened(browser: Browser, address: str, scheme: str = "light") -> Page:
@@ -84,6 +102,40 @@ def solved(browser, address) -> Page:
     page.get_by_label("Picture or clip").set_input_files(EXAMPLE / "image.png")
     page.get_by_label("Plate", exact=True).set_input_files(EXAMPLE / "plate.png")
     page.get_by_text("1: 190 × 116 pixels").wait_for()
+    page.get_by_role("button", name="Solve", exact=True).click()
+    page.locator(".grade").wait_for()
+    return page
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory) -> Path:
+    """A white ball before a gray wall, which two brightnesses explain, and a clip of an orange one."""
+    folder = tmp_path_factory.mktemp("scene")
+    camera = Camera(code_std=1 / 255)
+    y, x = np.mgrid[:72, :96]
+    wall = np.repeat(0.3 + 0.03 * (np.sin(x / 17) + np.cos(y / 13))[..., None], 3, axis=2)
+    for name, plate, color, count in (
+        ("white", wall.astype(np.float32), (0.95, 0.95, 0.95), 1),
+        ("clip", colorful_plate((96, 72), 2, tile=18), (0.9, 0.4, 0.05), 4),
+    ):
+        shots = []
+        for k in range(count):
+            path = bm.Trajectory.line((26 + 12 * k, 28), (70 - 22 * (count > 1) + 12 * k, 42))
+            truth = rendered(Scene(plate, path, Ball(9, color=color)))
+            shots.append(Shot(truth.scene, camera).photograph(truth))
+        bm.write(folder / f"{name}.png", shots[0][0])
+        bm.write(folder / f"{name}_plate.png", shots[0][1])
+        if count > 1:
+            bm.write_frames(folder / f"{name}.mov", [image for image, _ in shots], 25)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def doubtful(browser, address, scene) -> Page:
+    """The white ball, solved; more than one color fits."""
+    page = opened(browser, address)
+    page.get_by_label("Picture or clip").set_input_files(scene / "white.png")
+    page.get_by_label("Plate", exact=True).set_input_files(scene / "white_plate.png")
     page.get_by_role("button", name="Solve", exact=True).click()
     page.locator(".grade").wait_for()
     return page
@@ -133,6 +185,10 @@ def test_changes_are_drawn_as_the_command_writes_them(solved):
     solved.on("request", lambda request: seen.append(request.url))
     solved.get_by_role("slider", name="Fade").fill("0.4")
     solved.get_by_role("slider", name="Expose").fill("0.5")
+    for number, paint in ((2, "#ffffff"), (3, "#2040ff")):
+        solved.get_by_role("button", name="It has another paint").click()
+        solved.get_by_label(f"Paint {number} of the object").fill(paint)
+    solved.get_by_label("New color of paint 2").fill("#20ff80")
     drawn(solved)
     assert not [url for url in seen if "/api/" in url and "pixels" not in url]
     shown = at_1_1(solved, 400, 300).astype(int)
@@ -190,6 +246,65 @@ def test_a_reload_loses_nothing(solved):
     assert drawn(solved).max() == 255
 
 
+def test_a_color_that_fits_is_solved_with(doubtful):
+    assert re.match("plausible|assumed", doubtful.get_by_role("status").inner_text())
+    colors = doubtful.get_by_role("radiogroup", name="Colors that fit").get_by_role("radio")
+    assert colors.count() > 1
+    label = doubtful.locator(".alternative").last.inner_text()
+    assert "alpha ×" in label
+    colors.last.check()
+    command = doubtful.get_by_role("group", name="Command")
+    expect(command).to_contain_text(re.compile("solve white.png .*--color '#[0-9a-f]{6}'"))
+    expect(command).to_contain_text("done")
+    assert doubtful.get_by_role("status").inner_text()
+
+
+@pytest.mark.battery
+def test_a_cancelled_job_leaves_nothing_and_a_reload_loses_no_job_that_runs(doubtful, server):
+    command = doubtful.get_by_role("group", name="Command")
+    before = helpers(server)
+    doubtful.get_by_role("button", name="Solve", exact=True).click()
+    doubtful.locator(".progress", has_text="solve").wait_for()
+    doubtful.get_by_role("button", name="Cancel").click()
+    expect(command).to_contain_text("cancelled")
+    number = re.search(r"-o (\d+)", command.inner_text())[1]
+    (files,) = server.folder.glob("blurmatte-*/files")
+    wait_for(lambda: helpers(server) - before)
+    assert len(before - helpers(server)) == 1  # the worker
+    assert list((files / number).iterdir()) == []
+    doubtful.get_by_role("button", name="Resume").click()
+    doubtful.locator(".progress", has_text="solve").wait_for()
+    doubtful.reload()
+    doubtful.locator(".progress", has_text="solve").wait_for()
+    expect(command).to_contain_text("done")
+    doubtful.locator(".grade").wait_for()
+    assert "layer.exr" in [path.name for path in (files / number).iterdir()]
+
+
+@pytest.mark.battery
+def test_a_clip_goes_from_dropping_to_the_table(browser, address, scene):
+    page = opened(browser, address)
+    page.get_by_label("Picture or clip").set_input_files(scene / "clip.mov")
+    page.get_by_label("Plate", exact=True).set_input_files(scene / "clip_plate.png")
+    page.get_by_role("button", name="Find its shots").click()
+    page.get_by_text("one shot").wait_for()
+    page.get_by_role("tab", name="Measure").click()
+    page.get_by_role("button", name="Track", exact=True).click()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Download track.csv").click()
+    rows = list(csv.DictReader(Path(download.value.path()).read_text().splitlines()))
+    assert [row["frame"] for row in rows] == ["0", "1", "2", "3"]
+    assert [float(row["x"]) for row in rows] == pytest.approx([37, 49, 61, 73], abs=0.5)
+    page.get_by_label("Frame", exact=True).fill("2")
+    page.get_by_label("Frame", exact=True).press("Tab")
+    expect(page.locator(".doubts")).to_contain_text("Frame 2: x 61")
+    charts = page.get_by_role("img", name=re.compile("chart over frames"))
+    names = [one.get_attribute("aria-label") for one in charts.all()]
+    assert any("y, pixels: from" in name and "in 4 frames" in name for name in names)
+    assert page.locator(".fall").inner_text().startswith("No free fall: ")
+    assert (page.foreign, page.faults) == ([], [])
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_no_violation_of_accessibility(browser, address, solved, scheme):
     axe = pytest.importorskip("axe_core_python.sync_playwright", reason="needs axe-core-python")
@@ -197,7 +312,8 @@ def test_no_violation_of_accessibility(browser, address, solved, scheme):
     for tab in ("Solve", "Edit", "Measure", "Sharp"):
         solved.get_by_role("tab", name=tab).click()
         solved.get_by_role("tab", name=tab, selected=True).wait_for()
-        faults = axe.Axe().run(solved)["violations"]
+        rules = {} if scheme == "light" else {"runOnly": ["color-contrast"]}
+        faults = axe.Axe().run(solved, options=rules)["violations"]
         assert [(one["id"], one["nodes"][0]["html"]) for one in faults] == []
 
 

@@ -16,10 +16,11 @@ from contextlib import closing
 from pathlib import Path
 
 import pytest
-from tests.ui.programs import is_alive, program, wait_for
+from tests.ui.programs import helpers, is_alive, program, wait_for
 
 import blurmatte.ui.server
 import blurmatte.ui.session
+from blurmatte.ui.private_folder import delete_left_folders
 from blurmatte.ui.server import Requests, _Guard, serve
 from blurmatte.ui.session import Session, State
 
@@ -29,12 +30,14 @@ BEARER = ("authorization", f"Bearer {KEY}")
 SERVER = """
 import os, sys
 from tests.ui.programs import program
+from blurmatte.ui.private_folder import delete_left_folders
 from blurmatte.ui.server import serve
 from blurmatte.ui.session import Session
-def opened(address):
-    print(address, flush=True)
 if __name__ == "__main__":
-    interrupted = serve(Session(program, "1"), 0, opened)
+    session = Session(program, "1")
+    def opened(address):
+        print(address, session.write_entry(address), flush=True)
+    interrupted = serve(session, 0, opened)
     print(interrupted, "numpy" in sys.modules, flush=True)
 """
 
@@ -44,7 +47,7 @@ class Page:
 
     def __init__(self, session):
         self.session = session
-        self.app = _Guard(Requests(session).app, HOST, KEY)
+        self.app = _Guard(Requests(session).app, HOST, KEY, session.remove_entry)
 
     def ask(self, method, path, body=b"", *headers, own=True):
         return asyncio.run(self.asked(method, path, body, *headers, own=own))
@@ -196,6 +199,36 @@ def test_its_own_origin_is_answered(page):
 
 
 @pytest.mark.parametrize(
+    ("method", "path", "mode", "place", "status"),
+    [
+        ("GET", "/", "navigate", "document", 200),  # as from the file that is opened
+        ("GET", "/", "navigate", "iframe", 403),
+        ("GET", "/", "cors", "empty", 403),
+        ("POST", "/", "navigate", "document", 403),
+        ("GET", "/api/state", "navigate", "document", 403),
+    ],
+)
+def test_another_site_may_only_open_a_window(page, method, path, mode, place, status):
+    how = ("sec-fetch-site", "cross-site"), ("sec-fetch-mode", mode), ("sec-fetch-dest", place)
+    assert page.ask(method, path, b"", *how)[0] == status
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads modes of files")
+def test_the_address_is_in_a_private_file_until_the_page_is_opened(server):
+    entry = Path(server.entry)
+    assert f"http://{server.place}/#{server.key}" in entry.read_text()
+    assert entry.stat().st_mode & 0o777 == 0o600
+    assert entry.parent.stat().st_mode & 0o777 == 0o700
+    connection = http.client.HTTPConnection(server.place, timeout=10)
+    connection.request("GET", "/")
+    assert connection.getresponse().status == 200
+    assert entry.exists()
+    ask(server, "GET", "/api/state")
+    assert not entry.exists()
+    connection.close()
+
+
+@pytest.mark.parametrize(
     "path",
     [
         *("/page/", "/page/../server.py", "/page/..", "/page//etc/passwd", "/page/%2e%2e/server.py"),
@@ -203,6 +236,7 @@ def test_its_own_origin_is_answered(page):
         *("/api/jobs/1/results/../2/a", "/api/jobs/1/results//etc/passwd", "/api/jobs/1/results/"),
         *("/api/jobs/1/results/..", "/api/jobs/1/results/a\0", "/api/look/../state"),
         *("/api/look/describe?job=1&name=../x", "/api/look/describe?file=-1"),
+        "/api/look/tile?job=1&name=a&part=matched&frame=0&level=0&x=0&y=0&beside_job=1&beside_name=../a",
         "/api/look/__init__?file=1",
         *("/api/look/describe", "/api/look/tile?file=1", "/api/look/describe?file=" + "9" * 5000),
     ],
@@ -331,7 +365,8 @@ def server(tmp_path):
     (tmp_path / "serving.py").write_text(SERVER)
     command = [sys.executable, str(tmp_path / "serving.py")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, env=environment, text=True) as process:
-        address, key = process.stdout.readline().strip().split("/#")
+        address, process.entry = process.stdout.readline().split()
+        address, key = address.split("/#")
         process.place = address.removeprefix("http://")
         process.key = key
         process.folder = tmp_path
@@ -343,16 +378,6 @@ def ask(server, method, path, body=None):
     with closing(http.client.HTTPConnection(server.place, timeout=10)) as connection:
         connection.request(method, path, body, {"Authorization": f"Bearer {server.key}"})
         return json.loads(connection.getresponse().read())
-
-
-def helpers(server):
-    """Numbers of the processes that a server started."""
-    found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
-        words = stat.read_text().rpartition(")")[2].split()
-        if int(words[1]) == server.pid:
-            found.append(int(stat.parent.name))
-    return found
 
 
 def raw(server, *parts, half=False):
@@ -423,3 +448,24 @@ def test_a_server_that_is_ended_ends_its_processes_and_deletes_its_folder(server
     wait_for(lambda: not any(map(is_alive, pids)), 3)
     wait_for(lambda: [path.name for path in server.folder.iterdir()] == ["serving.py"], 3)
     assert time.monotonic() - begun < 4
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_a_folder_that_was_left_is_deleted_at_the_next_start(server, monkeypatch):
+    ask(server, "PUT", "/api/files?name=a.png", b"x")
+    (folder,) = server.folder.glob("blurmatte-*")
+    (server.folder / "blurmatte-other").mkdir()
+    (server.folder / "blurmatte-link").symlink_to(server.folder)
+    monkeypatch.setattr("tempfile.tempdir", str(server.folder))
+    delete_left_folders()
+    assert (folder / "files" / "a.png").exists()  # in use
+    pids = helpers(server)
+    for pid in (*pids, server.pid):  # at once, so that none can delete it
+        os.kill(pid, signal.SIGSTOP)
+    for pid in (*pids, server.pid):
+        os.kill(pid, signal.SIGKILL)
+    server.wait(5)
+    assert (folder / "files" / "a.png").exists()
+    delete_left_folders()
+    names = sorted(path.name for path in server.folder.iterdir())
+    assert names == ["blurmatte-link", "blurmatte-other", "serving.py"]

@@ -11,6 +11,7 @@ from PIL import Image
 from tests.scenes import rendered
 
 import blurmatte as bm
+from blurmatte.background.guess import guess_behind
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.ui.helper import _alone
 from blurmatte.ui.pictures import TILE, Pictures, _halved
@@ -42,6 +43,27 @@ def viewer():
 
 def tile(viewer, path, part="picture", frame=0, level=0, x=0, y=0):
     return np.frombuffer(viewer.tile(path, part, frame, level, x, y), "<f2").reshape(-1, 4)
+
+
+def test_the_scene_behind_is_that_which_edit_takes(viewer, tmp_path):
+    path = bm.Trajectory.line((26, 28), (70, 42))
+    truth = rendered(Scene(colorful_plate((96, 72), 2, tile=18), path, Ball(9)))
+    other = bm.LinearImage(np.roll(truth.plate.rgb, 2, axis=1) * np.float32(0.8))
+    for name, picture in (("image", truth.image), ("plate", other)):
+        bm.write(tmp_path / f"{name}.exr", picture)
+    bm.write(tmp_path / "layer.exr", truth.layer)
+    asked = tmp_path / "image.exr", "matched", 0, 0, 0, 0, tmp_path / "plate.exr"
+    got = np.frombuffer(viewer.tile(*asked), "<f2").reshape(72, 96, 4)
+    matched = bm.match_plate(other, truth.image)
+    assert np.abs(got[..., :3] - matched.rgb)[matched.valid].max() < 1e-3
+    assert np.abs(got[..., :3] - other.rgb).max() > 0.1
+    assert np.array_equal(got[..., 3] == 1, matched.valid)
+    asked = tmp_path / "image.exr", "guessed", 0, 0, 0, 0, tmp_path / "layer.exr"
+    got = np.frombuffer(viewer.tile(*asked), "<f2").reshape(72, 96, 4)
+    guess = guess_behind(truth.image, truth.layer.alpha > 0)
+    assert np.abs(got[..., :3] - guess.plates[0].rgb).max() < 1e-3
+    assert np.array_equal(got[0, 0, :3], truth.image.rgb[0, 0].astype("<f2"))
+    assert not np.array_equal(got[35, 48, :3], truth.image.rgb[35, 48].astype("<f2"))
 
 
 def means(pixels, level):

@@ -18,7 +18,15 @@ import scipy
 
 from blurmatte.background.lines import Lines
 from blurmatte.calibration import measure_noise_within
-from blurmatte.checks import Array, Bools, Box, Floats, check_map, rows_columns
+from blurmatte.checks import (
+    Array,
+    Bools,
+    Box,
+    Floats,
+    check_map,
+    check_same_size,
+    rows_columns,
+)
 from blurmatte.errors import NoiseError, PlateError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import QUANTILE_999_3, block_sums
@@ -35,6 +43,7 @@ _REFINEMENTS = 2  # of what is hidden: a part of the region agrees with the gues
 _MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
 _DECISIVE_ODDS = 20.0  # that a cell shows the scene
 _MARGIN_PX = 4  # around what disagrees with the guess
+_RIM_PX = 4  # around a streak: the guess is not made from its faintest rim
 _MARGIN_FACTOR = (
     1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
 )
@@ -146,6 +155,25 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
             break
         hidden = smaller
     return _AroundRegion.around(image, hidden, _DRAWS).guess(image, hidden, noise)
+
+
+def guess_behind(image: LinearImage, streak: Bools, grow: int = 0) -> PlateGuess:
+    """Guess the scene behind a streak (H, W) bool of a solved picture.
+
+    The guess is not made from the faintest rim of the streak, nor from `grow` pixels more around it.
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ.
+    PlateError
+        If the streak is empty, or too little of the scene is seen around it.
+    """
+    check_same_size("the layer", streak.shape[::-1], "the image", image.size)
+    if not streak.any():
+        raise PlateError("the layer is empty, so there is nothing to guess behind it")
+    width = 2 * (grow + _RIM_PX) + 1
+    return guess_plate(image, scipy.ndimage.maximum_filter(streak, width))
 
 
 def _too_little() -> PlateError:

@@ -7,7 +7,7 @@ import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -212,7 +212,8 @@ def _answer(report: bm.clips.ClipReport, folder: Path, out: Path, as_json: bool)
     if as_json:
         rows = [record.numbers() for record in report.records]
         numbers = {"folder": folder, "grades": report.grades, "empty_layers": report.empty}
-        say_json({**numbers, "frames": rows})
+        shots = [asdict(shot) for shot in report.shots]
+        say_json({**numbers, "shots": shots, "frames": rows})
         return
     graded = ", ".join(f"{count} {grade}" for grade, count in report.grades.items() if count)
     speed = (

@@ -19,7 +19,13 @@ from blurmatte.motion.clip.balls import balls_in_space
 from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.detections import FrameSightings
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured
-from blurmatte.motion.clip.summary import KnownQuantities, Places, clip_table, summaries
+from blurmatte.motion.clip.summary import (
+    KnownQuantities,
+    ObjectSummary,
+    Places,
+    clip_table,
+    summaries,
+)
 from blurmatte.motion.clip.transfer_spread import radius_spread
 from blurmatte.motion.clip.workers import return_freed_memory
 from blurmatte.motion.picture.motion import MAX_READOUT
@@ -117,9 +123,18 @@ class Tracking:
                 bm.write(overlay, sheet)
         if self.unfinished is not None:
             remove_unfinished(self.unfinished)
-        falls = [None if one.fall is None else one.fall.numbers() for one in objects]
-        of_falls: dict[str, Any] = {"falls": falls} if several else {"fall": falls[0]}
-        answer(as_json, {"rows": lines, **of_falls, "in_words": said}, said)
+        falls = [_of_fall(one) for one in objects]
+        numbers: dict[str, Any] = {"rows": lines, "camera_moves": clip.camera is not None}
+        numbers |= {"falls": falls} if several else {"fall": falls[0]}
+        answer(as_json, {**numbers, "in_words": said}, said)
+
+
+def _of_fall(one: ObjectSummary) -> dict[str, Any] | None:
+    """The parabola of an object, the frames without weight in it, and why it is no fall."""
+    if one.fall is None:
+        return None
+    fall = one.fall
+    return {"object": one.number, **fall.numbers(), "off": fall.off, "rejection": fall.rejection}
 
 
 def remove_unfinished(path: Path) -> None:

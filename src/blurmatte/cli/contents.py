@@ -13,7 +13,7 @@ import numpy as np
 
 import blurmatte as bm
 from blurmatte.checks import Floats
-from blurmatte.cli.console import by, color_numbers, in_degrees
+from blurmatte.cli.console import by, color_numbers, in_degrees, waiting
 from blurmatte.cli.selection import Reading
 from blurmatte.files.documents import DocumentError, json_kind, read_document, read_json
 from blurmatte.files.errors import format_of
@@ -21,6 +21,7 @@ from blurmatte.files.models import MODEL
 from blurmatte.files.raster import load
 from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.formats import EXR, Holds, format_at
+from blurmatte.motion.clip.steps import shots_of
 
 _MAX_UNEVEN = 0.01  # of intervals between frames, relative: stamps are rounded
 _MAX_LISTED = 8  # numbers of a row that are printed; a box has 4
@@ -38,6 +39,13 @@ def contents(path: Path, reading: Reading, said: list[str]) -> Description:
         return _of_solution(solution)
     picture = reading.read(path, said)
     return _of_picture(path, picture, reading, guessed=bool(said))
+
+
+def shots_in(path: Path, reading: Reading) -> list[bm.background.ClipShot]:
+    """The shots of a clip."""
+    frames = reading.frames([str(path)], None)
+    with bm.motion.Workers(1) as workers, waiting("finding the shots"):
+        return [one.numbered(frames.frame_numbers) for one in shots_of(frames, workers)]
 
 
 def picture_in(path: Path, reading: Reading) -> bm.LinearImage | bm.Layer | bm.Solution:

@@ -48,13 +48,15 @@ def ui(
         raise ValueError(f"the page needs {library}: pip install 'blurmatte[ui]'") from error
     from blurmatte.ui import Session
 
+    session = Session(run_line, bm.__version__, files or [], out)
+
     def opened(address: str) -> None:
         """Print the address, and open it."""
         say(address)
-        if not no_browser:
-            _open(address)
+        if not no_browser:  # by a file: all users of a machine see the arguments of a browser
+            _open(session.write_entry(address).as_uri())
 
-    if serve(Session(run_line, bm.__version__, files or [], out), port, opened):
+    if serve(session, port, opened):
         raise typer.Exit(ExitCode.INTERRUPTED)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -10,7 +11,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, argument, complain, output, say, waiting
+from blurmatte.cli.console import about, answer, argument, complain, flag, output, say, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.rows import expanded
 from blurmatte.cli.selection import GUESSED, CameraReading, PlateOptions, Reading, matching_of
@@ -45,16 +46,26 @@ def info(
         Path, argument("FILE", "A picture, a clip, a layer, a solution, a model, noise or a curve.")
     ],
     reading: Reading,
+    shots: Annotated[
+        bool, flag("--shots", "Of a clip also its shots: all frames are decoded.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Describe the contents of FILE.
 
     A picture, a clip, a layer, a solution, a color model, a report, noise or a transfer curve.
     """
-    from blurmatte.cli.contents import contents  # not for --help: imports all of the library
+    from blurmatte.cli.contents import (
+        contents,
+        shots_in,
+    )  # not for --help: imports all of the library
 
     with about(file) as said:
         lines, numbers = contents(file, reading, said)
+        if shots:
+            found = shots_in(file, reading)
+            lines = [*lines, *(f"shot {k}: {shot}" for k, shot in enumerate(found, 1))]
+            numbers["shots"] = [asdict(shot) for shot in found]
     answer(as_json, {"file": file, **numbers}, lines)
 
 

@@ -136,18 +136,11 @@ class PlateOptions:
 
 
 GUESSED = Path("none")  # a plate that was not taken: what the object hides is guessed
-_GUESS_MARGIN_PX = 4  # around the streak: the guess is not made from its faintest rim
 
 
 def guess_behind(image: bm.LinearImage, streak: Any, grow: int = 0) -> bm.background.PlateGuess:
     """The scene behind the streak, (H, W) bool, of a layer; warns that it is a guess, and how good."""
-    import scipy  # not for --help
-
-    bm.checks.check_same_size("the layer", streak.shape[::-1], "the image", image.size)
-    if not streak.any():
-        raise bm.errors.PlateError("the layer is empty, so there is nothing to guess behind it")
-    width = 2 * (grow + _GUESS_MARGIN_PX) + 1
-    guess = bm.background.guess_plate(image, scipy.ndimage.maximum_filter(streak, width))
+    guess = bm.background.guess.guess_behind(image, streak, grow)
     warnings.warn(
         "what is behind the object is a guess from its surroundings, "
         f"within {guess.error:.2g} of white",

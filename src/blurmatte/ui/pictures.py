@@ -15,6 +15,7 @@ import numpy as np
 from PIL import Image
 
 import blurmatte as bm
+from blurmatte.background.guess import guess_behind
 from blurmatte.checks import Bools, Floats
 from blurmatte.formats import is_clip
 
@@ -28,6 +29,26 @@ _MAX_LEVEL = 16
 _MAX_RADIUS = 512  # pixels, of an eyedropper
 _MAX_STOPS = 64.0
 _MAX_HALF = 65504.0  # the largest half float
+
+
+@dataclass(frozen=True)
+class _Part:
+    """What is shown of a file: picture, layer or error; or what a picture hides, by another file.
+
+    Of the latter, "matched" is a plate as it would have been at the moment of the picture, and
+    "guessed" the scene behind a layer of the picture.
+    """
+
+    path: Path
+    name: str
+    frame: int = 0
+    beside: Path | None = None
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """Of the files as they are now."""
+        other = () if self.beside is None else _identity(self.beside)
+        return (*_identity(self.path), self.name, self.frame, *other)
 
 
 @dataclass
@@ -107,30 +128,40 @@ class Pictures:
             "gray": bool(bm.radiometry.image.are_gray(picture, picture)),
         }
 
-    def tile(self, path: Path, part: str, frame: int, level: int, x: int, y: int) -> bytes:
+    def tile(
+        self,
+        path: Path,
+        part: str,
+        frame: int,
+        level: int,
+        x: int,
+        y: int,
+        beside: Path | None = None,
+    ) -> bytes:
         """Half floats, RGBA, of a tile of the picture at a power of two."""
-        tile = self._tile(path, part, frame, level, x, y)
+        tile = self._tile(_Part(path, part, frame, beside), level, x, y)
         return np.clip(tile, -_MAX_HALF, _MAX_HALF).astype("<f2").tobytes()
 
     def preview(self, path: Path, part: str, frame: int, side: int, stops: float) -> bytes:
         """A PNG of 8 bits, at most so many pixels wide and high."""
         if side < 1:
             raise ValueError(f"side must be at least 1, got {side}")
-        level, (height, width) = 0, self._whole(path, part, frame)[1].shape
+        shown = _Part(path, part, frame)
+        level, (height, width) = 0, self._whole(shown)[1].shape
         while max(height, width) > side:
             level, height, width = level + 1, (height + 1) // 2, (width + 1) // 2
-        return _png(self._pixels_of(path, part, frame, level), part, stops)
+        return _png(self._pixels_of(shown, level), part, stops)
 
-    def _tile(self, path: Path, part: str, frame: int, level: int, x: int, y: int) -> Floats:
+    def _tile(self, part: _Part, level: int, x: int, y: int) -> Floats:
         """(h, w, 4) float32 pixels of a tile."""
         if not 0 <= level <= _MAX_LEVEL:
             raise ValueError(f"level must be 0 to {_MAX_LEVEL}, got {level}")
         place = slice(y * TILE, (y + 1) * TILE), slice(x * TILE, (x + 1) * TILE)
         if level == 0:
-            light, alpha = self._whole(path, part, frame)
+            light, alpha = self._whole(part)
             tile = _joined(light[place], alpha[place])
         else:
-            tile = self._level(path, part, frame, level)[place]
+            tile = self._level(part, level)[place]
         if tile.size == 0:
             raise ValueError(f"there is no tile {x}, {y} at level {level}")
         return tile
@@ -173,35 +204,38 @@ class Pictures:
             }
         return numbers
 
-    def _pixels_of(self, path: Path, part: str, frame: int, level: int) -> Floats:
+    def _pixels_of(self, part: _Part, level: int) -> Floats:
         """(h, w, 4) float32 pixels of a part at a level."""
         if level == 0:
-            return _joined(*self._whole(path, part, frame))
-        return self._level(path, part, frame, level)
+            return _joined(*self._whole(part))
+        return self._level(part, level)
 
-    def _level(self, path: Path, part: str, frame: int, level: int) -> Floats:
+    def _level(self, part: _Part, level: int) -> Floats:
         """(h, w, 4) float32 pixels at a level from 1; each is the mean of 2×2 of the level before."""
 
         def make() -> Floats:
             if level > 1:
-                return _halved(self._level(path, part, frame, level - 1), part)
-            light, alpha = self._whole(path, part, frame)
+                return _halved(self._level(part, level - 1), part.name)
+            light, alpha = self._whole(part)
             rows = range(0, len(alpha), _STRIP)
             strips = ((light[top : top + _STRIP], alpha[top : top + _STRIP]) for top in rows)
-            return np.concatenate([_halved(_joined(*strip), part) for strip in strips])
+            return np.concatenate([_halved(_joined(*strip), part.name) for strip in strips])
 
-        key = (*_identity(path), part, frame, level)
-        return self._kept(key, make, lambda made: int(made.nbytes))
+        return self._kept((*part.key, level), make, lambda made: int(made.nbytes))
 
-    def _whole(self, path: Path, part: str, frame: int) -> tuple[Floats, Floats | Bools]:
+    def _whole(self, part: _Part) -> tuple[Floats, Floats | Bools]:
         """(H, W, 3) light and (H, W) what goes with it: validity, alpha, or 1 with error and flags."""
-        if part == "picture":
-            picture = self._picture(path, frame)
+        path, name = part.path, part.name
+        if part.beside is not None and name in ("matched", "guessed"):
+            behind = self._kept(part.key, lambda: self._behind(part), _bytes_of)
+            return behind.rgb, behind.valid
+        if name == "picture":
+            picture = self._picture(path, part.frame)
             return picture.rgb, picture.valid
-        if part == "layer":
+        if name == "layer":
             layer = self._layer(path)
             return layer.premultiplied, layer.alpha
-        if part == "error":
+        if name == "error":
             solution = self._solution(path)
             if solution is None:
                 raise ValueError(f"{path.name} holds no errors; choose the layer.exr of solve")
@@ -209,7 +243,17 @@ class Pictures:
             std = np.where(solution.streak, std, np.float32(0))
             flags = solution.quality.astype(np.float32)
             return np.dstack([std, flags, np.zeros_like(std)]), np.ones(std.shape, bool)
-        raise ValueError(f"part must be picture, layer or error, got {part!r}")
+        raise ValueError(f"part must be picture, layer or error, got {name!r}")
+
+    def _behind(self, part: _Part) -> bm.LinearImage:
+        """The scene behind the object of a picture, as `edit` takes it."""
+        assert part.beside is not None
+        image = bm.read(part.path)
+        if part.name == "matched":
+            return bm.match_plate(bm.read(part.beside), image).in_srgb()
+        solution = self._solution(part.beside)
+        streak = self._layer(part.beside).alpha > 0 if solution is None else solution.streak
+        return guess_behind(image, streak).plates[0].in_srgb()
 
     def _picture(self, path: Path, frame: int) -> bm.LinearImage:
         """A picture, or a frame of a clip by its number."""

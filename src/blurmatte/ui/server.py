@@ -21,6 +21,7 @@ from typing import Any
 
 import uvicorn
 from starlette.applications import Starlette
+from starlette.datastructures import QueryParams
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import FileResponse, JSONResponse, Response, StreamingResponse
@@ -74,7 +75,7 @@ def serve(session: Session, port: int, opened: Callable[[str], None]) -> bool:
     port : int
         Of this machine; 0 takes a free one.
     opened : callable
-        Gets the URL when the page can be opened.
+        Gets the URL when the page can be opened, and the session is entered.
 
     Returns
     -------
@@ -93,17 +94,19 @@ def serve(session: Session, port: int, opened: Callable[[str], None]) -> bool:
         raise OSError(f"port {port} cannot be used: {why}; choose another --port") from error
     with listening:
         host = f"{_HOST}:{listening.getsockname()[1]}"
-        key = secrets.token_urlsafe(_KEY_BYTES)
-        opened(f"http://{host}/#{key}")
-        return asyncio.run(_serve(session, listening, host, key))
+        return asyncio.run(_serve(session, listening, host, opened))
 
 
-async def _serve(session: Session, listening: socket.socket, host: str, key: str) -> bool:
+async def _serve(
+    session: Session, listening: socket.socket, host: str, opened: Callable[[str], None]
+) -> bool:
+    key = secrets.token_urlsafe(_KEY_BYTES)
     async with session:
+        opened(f"http://{host}/#{key}")
         requests = Requests(session)
         server = _Server(
             uvicorn.Config(
-                _Guard(requests.app, host, key),
+                _Guard(requests.app, host, key, session.remove_entry),
                 http="h11",
                 ws="none",
                 lifespan="off",
@@ -150,8 +153,9 @@ class _Server(uvicorn.Server):
 class _Guard:
     """Passes on only requests of this page, and adds the headers of all answers."""
 
-    def __init__(self, app: ASGIApp, host: str, key: str) -> None:
+    def __init__(self, app: ASGIApp, host: str, key: str, entered: Callable[[], None]) -> None:
         self._app, self._host, self._key = app, host.encode(), f"Bearer {key}".encode()
+        self._entered = entered  # called when a request had the key
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] != "http":
@@ -183,13 +187,22 @@ class _Guard:
             return "this page is reached by the address that blurmatte printed"
         if given.get(b"origin", [b"http://" + self._host]) != [b"http://" + self._host]:
             return "another site may not use this page"
-        if given.get(b"sec-fetch-site", [b"none"])[0] in (b"cross-site", b"same-site"):
+        foreign = given.get(b"sec-fetch-site", [b"none"])[0] in (b"cross-site", b"same-site")
+        if foreign and not _is_opening(scope, given):
             return "another site may not use this page"
         if scope["path"] != "/" and not scope["path"].startswith("/page/"):
             (key, *more) = given.get(b"authorization", [b""])
             if more or not secrets.compare_digest(key, self._key):
                 return "open the page by the whole address that blurmatte printed"
+            self._entered()
         return None
+
+
+def _is_opening(scope: Scope, given: dict[bytes, list[bytes]]) -> bool:
+    """Whether a window goes to the page, as by a link in a file; the page alone holds nothing."""
+    how = [given.get(name) for name in (b"sec-fetch-mode", b"sec-fetch-dest")]
+    at_start: bool = scope["method"] == "GET" and scope["path"] == "/"
+    return at_start and how == [[b"navigate"], [b"document"]]
 
 
 class _Json(JSONResponse):
@@ -342,10 +355,10 @@ class Requests:
         if question not in _QUESTIONS:
             raise HTTPException(404, f"there is no question {question}")
         kinds = _QUESTIONS[question]
-        path = self._session.source(
-            _number(given.get("file"), int), _number(given.get("job"), int), given.get("name")
-        )
+        path = self._source(given)
         values = {name: _value(given.get(name), kind, name) for name, kind in kinds.items()}
+        if question == "tile" and any(f"beside_{name}" in given for name in ("file", "job")):
+            values["beside"] = self._source(given, "beside_")
         asking = asyncio.ensure_future(self._session.ask(question, path=path, **values))
         while not asking.done():
             await asyncio.wait([asking], timeout=0.2)
@@ -357,6 +370,11 @@ class Requests:
             kind = _TYPES[".png"] if question == "preview" else _DATA
             return Response(answer.data, media_type=kind)
         return _Json(answer.numbers)
+
+    def _source(self, given: QueryParams, prefix: str = "") -> Path:
+        """A file by its number, or a result by its job and name."""
+        file, job = (_number(given.get(prefix + name), int) for name in ("file", "job"))
+        return self._session.source(file, job, given.get(f"{prefix}name"))
 
     async def _quit(self, _: Request) -> Response:
         self.quit()

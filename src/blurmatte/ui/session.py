@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import stat
+import threading
 import time
 import unicodedata
 from collections.abc import AsyncIterator, Callable, Sequence
@@ -15,11 +16,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path, PurePosixPath
-from tempfile import mkdtemp
 from typing import Any, NoReturn
 
 from blurmatte.formats import Holds, format_at
 from blurmatte.ui.helper import Helper
+from blurmatte.ui.private_folder import PrivateFolder, delete_left_folders
 from blurmatte.ui.viewer import Answer, Question, look
 from blurmatte.ui.worker import INTERRUPT, READY, Ended, Line, Program, Said, Step, work
 
@@ -176,6 +177,7 @@ class Session:
         self._program = program
         self.version = version
         self._out = out
+        self._place: PrivateFolder | None = None
         self._private = self._folder = Path()
         self._results = Path()  # a folder of each job
         self.files: dict[int, Held] = {}
@@ -197,7 +199,8 @@ class Session:
         """Make the folders, and start the processes; OSError if that is impossible."""
         if self._out is not None:
             self._out.mkdir(parents=True, exist_ok=True)
-        self._private = Path(mkdtemp(prefix="blurmatte-")).resolve()
+        self._place = PrivateFolder()
+        self._private = self._place.path
         self._folder = self._private / "files"
         self._results = self._folder if self._out is None else self._out.absolute()
         try:
@@ -207,6 +210,7 @@ class Session:
         except BaseException:
             await self.__aexit__()
             raise
+        threading.Thread(target=delete_left_folders, daemon=True).start()
         return self
 
     async def __aexit__(self, *_: object) -> None:
@@ -217,9 +221,20 @@ class Session:
             await asyncio.wait([self._restart])
         if self._worker is not None:
             await self._worker.end()
-        await asyncio.to_thread(shutil.rmtree, self._private, ignore_errors=True)
+        if self._place is not None:
+            await asyncio.to_thread(self._place.delete)
         if self._viewer is not None:
             await self._viewer.end()
+
+    def write_entry(self, address: str) -> Path:
+        """A private page that leads a browser to the address, until it is asked for something."""
+        assert self._place is not None
+        return self._place.write_entry(address)
+
+    def remove_entry(self) -> None:
+        """Delete the page that leads to the address."""
+        if self._place is not None:
+            self._place.remove_entry()
 
     # Files
 

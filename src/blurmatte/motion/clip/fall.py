@@ -213,7 +213,9 @@ class FreeFall:
 
     def numbers(self) -> dict[str, float | int | bool | None]:
         """All by name, flat; with a scale also in m/s², with gravity also its results."""
-        row: dict[str, float | int | bool | None] = {}
+        row: dict[str, float | int | bool | None] = {"time": self.time}
+        for name, vector in (("place", self.place), ("velocity", self.velocity)):
+            row |= {f"{name}_{axis}": float(x) for axis, x in zip("xyz", vector, strict=False)}
         std = np.sqrt(np.diag(self.acceleration_covariance))
         row |= by_axis("acceleration", self.acceleration, std)
         off, off_std = self.off_gravity

@@ -181,10 +181,10 @@ class ClipMeasured:
 
 def shots_of(frames: Sequence[LinearImage], workers: Workers) -> list[ClipShot]:
     """The shots of a clip."""
-    LOG.info("finding the shots")
-    step = next(coded_frames(frames, slice(0, 1))).step
-    parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
-    shots = find_shots((one for part in parts for one in part), step)
+    step, tasks = next(coded_frames(frames, slice(0, 1))).step, list(parts_of(frames, workers))
+    parts = successes(workers.over(frames, _thumbnails, tasks))
+    found = logged(parts, "finding the shots", len(tasks))
+    shots = find_shots((one for part in found for one in part), step)
     return joined_shots(shots, lambda a, b: show_one_scene(frames[a], frames[b]))
 
 

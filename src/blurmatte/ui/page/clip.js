@@ -1,14 +1,22 @@
-// A clip under its frame: frames by number, a strip of grades over time, charts of the motion.
+// A clip under its frame: frames by number, its shots, a strip of grades over time, charts of the motion.
 
+import { MARK_PATHS, chart, library } from "./chart.js";
 import { NumberField } from "./controls.js";
-import { answer, change, facts, job, store } from "./store.js";
+import { answer, change, facts, job, run, store } from "./store.js";
 import { Component, createRef, h } from "./vendor/preact.js";
+import { fallInWords, shots, withError } from "./words.js";
+
+/** @typedef {import("./api.js").Source} Source */
 
 const LETTERS = /** @type {Record<string, string>} */ ({ confirmed: "C", plausible: "P", assumed: "A" });
-const CHARTS = /** @type {[string, string, string][]} */ ([
-  ["x", "x, pixels", "x_std"], ["y", "y, pixels", "y_std"], ["speed", "speed", "speed_std"], ["radius", "radius, pixels", "radius_std"]]);
+const IN_PICTURE = /** @type {[string, string][]} */ ([["x", "x, pixels"], ["y", "y, pixels"]]);
+const IN_SPACE = /** @type {[string, string][]} */ ([["ball_x", "x, m"], ["ball_y", "y, m, down"], ["ball_z", "depth, m"]]);
+const SIZES = /** @type {[string, string][]} */ ([["speed", "speed"], ["ball_speed", "speed in space, m/s"], ["radius", "radius, pixels"]]);
 
 const MOST_LETTERS = 80; // cells that are wide enough for one
+const COLORS = 6; // of objects, in the style sheet
+const MARKS = Object.keys(MARK_PATHS);
+const CHART_WIDTH = 380; // pixels, at which another column begins
 
 let playing = 0;
 
@@ -39,6 +47,12 @@ function rows() {
   return (found?.rows ?? found?.frames ?? []).filter((/** @type {any} */ row) => Number.isInteger(row.frame));
 }
 
+/** The numbers of the objects, and the color and mark of each. @param {any[]} all */
+export function objectsOf(all) {
+  const numbers = [...new Set(all.filter((row) => row.x !== null).map((row) => row.object ?? 1))].sort((a, b) => a - b);
+  return numbers.map((number, k) => ({ number, alone: numbers.length < 2, color: `--object-${k % COLORS}`, mark: MARKS[k % MARKS.length] }));
+}
+
 export function ClipBar() {
   const found = facts(store.picture);
   const last = found.frames - 1;
@@ -57,44 +71,89 @@ export function ClipBar() {
       h("span", null, `of ${last}${found.rate ? `, ${(store.frame / found.rate).toFixed(3)} s` : ""}`),
       h("button", { onClick: () => mark(0) }, "From here"),
       h("button", { onClick: () => mark(1) }, "To here"),
+      h(Shots, null),
       store.frames && h("span", null, `frames ${store.frames}`),
       store.frames && h("button", { onClick: () => change({ frames: "" }) }, "All frames")),
     h("input", { type: "range", class: "scrub", min: 0, max: last, value: store.frame, "aria-label": "Frames of the clip",
       "aria-valuetext": `frame ${store.frame} of ${last}`, onInput: (/** @type {any} */ e) => go(Number(e.target.value)) }),
     h(Strip, { last }),
-    h(Doubts, null),
-    rows().length > 1 && h(Charts, { rows: rows(), frame: store.frame }));
+    h(FrameInWords, { frame: store.pointed ?? store.frame }),
+    rows().length > 1 && h(Charts, { rows: rows(), frame: store.frame, falls: falls() }));
+}
+
+/** The shots of the clip, to choose from: the marks follow. */
+function Shots() {
+  const all = answer("shots")?.shots ?? answer("solve")?.shots;
+  if (!all) {
+    const looking = ["waiting", "running"].includes(job("shots")?.state);
+    return h("button", { disabled: looking, onClick: () => run("shots", shots(/** @type {Source} */ (store.picture)), "shots") },
+      looking ? "Finding the shots …" : "Find its shots");
+  }
+  if (all.length < 2) return h("span", null, "one shot");
+  const frames = (/** @type {any} */ one) => `${one.start}:${one.stop}`;
+  const begins = /** @type {Record<string, string>} */ ({ cut: ", after a cut", light: ", after a change of light" });
+  return h("label", null, "Shot ", h("select", { "aria-label": "Shot", onChange: (/** @type {any} */ e) => {
+    const one = all[Number(e.target.value)];
+    change(one ? { frames: frames(one), frame: one.start } : { frames: "" });
+  } }, h("option", { value: -1, selected: !store.frames }, `all ${all.length}`), all.map((/** @type {any} */ one, /** @type {number} */ k) =>
+    h("option", { value: k, selected: store.frames === frames(one) },
+      `${k + 1}: frames ${one.start} to ${one.stop - 1}${begins[one.begins_with] ?? ""}${one.moving ? ": the camera moves" : ""}`))));
+}
+
+/** What was measured of the objects, by frame. */
+function byFrame() {
+  const by = /** @type {Map<number, any[]>} */ (new Map());
+  for (const row of rows()) by.set(row.frame, [...by.get(row.frame) ?? [], row]);
+  return by;
+}
+
+/** The kind of a frame's cell: its lowest grade, or whether an object was found. @param {any[]} there */
+function kindOf(there) {
+  const graded = ["assumed", "plausible", "confirmed"].find((grade) => there.some((row) => row.grade === grade));
+  return graded ?? (there.some((row) => row.x !== null) ? "seen" : "none");
 }
 
 /** A cell for each frame: the letter of its grade, or a point where the object was found. @param {{last: number}} props */
 function Strip({ last }) {
-  const by = new Map(rows().map((/** @type {any} */ row) => [row.frame, row]));
+  const by = byFrame();
   const running = job("track")?.state === "running" ? job("track") : job("solve")?.state === "running" ? job("solve") : null;
   const count = Math.min(last + 1, 400);
   const cells = Array.from({ length: count }, (_, k) => Math.floor((k * (last + 1)) / count));
-  const kind = (/** @type {any} */ row, /** @type {number} */ k) => row ? row.grade ?? (row.x === null ? "none" : "seen")
+  const kind = (/** @type {any[] | undefined} */ there, /** @type {number} */ k) => there ? kindOf(there)
     : running?.of && k < (count * running.done) / running.of ? "done" : "";
   return h("div", { class: "strip", role: "img", "aria-label": stripInWords(by), style: { gridTemplateColumns: `repeat(${count}, 1fr)` } },
     cells.map((frame, k) => h("span", {
       key: frame, class: `cell ${kind(by.get(frame), k)}${frame === store.frame ? " here" : ""}`, onClick: () => go(frame),
-      title: `frame ${frame} ${by.get(frame)?.grade ?? ""} ${by.get(frame)?.doubts ?? ""}`,
-    }, count <= MOST_LETTERS ? LETTERS[by.get(frame)?.grade] ?? "" : "")));
+      title: `frame ${frame} ${(by.get(frame) ?? []).map((row) => [row.grade, row.doubts].filter(Boolean).join(": ")).join("; ")}`,
+    }, count <= MOST_LETTERS ? LETTERS[kind(by.get(frame), k)] ?? "" : "")));
 }
 
-/** @param {Map<number, any>} by */
+/** @param {Map<number, any[]>} by */
 function stripInWords(by) {
-  const seen = [...by.values()].filter((row) => row.x !== null).length;
+  const seen = [...by.values()].filter((there) => there.some((row) => row.x !== null)).length;
   return by.size ? `the object was found in ${seen} of ${by.size} frames` : "no frame was measured yet";
 }
 
-/** What is doubtful in this frame. */
-function Doubts() {
-  const here = rows().find((/** @type {any} */ row) => row.frame === store.frame);
-  const words = here ? [here.grade, here.doubts || here.reason].filter(Boolean).join(": ") : "";
-  return h("p", { class: "doubts", "aria-live": "polite" }, words);
+/** What was measured in a frame, and what is doubtful there. @param {{frame: number}} props */
+function FrameInWords({ frame }) {
+  const there = rows().filter((/** @type {any} */ row) => row.frame === frame);
+  const several = objectsOf(rows()).length > 1;
+  const said = there.map((/** @type {any} */ row) => {
+    const numbers = ["x", "y", "speed", "radius"].filter((name) => row[name] != null)
+      .map((name) => `${name} ${withError(row[name], row[`${name}_std`])}${name === "speed" ? ` ${row.speed_unit}` : ""}`);
+    return [several && row.object ? `object ${row.object}` : "", row.grade, numbers.join(", "), row.doubts ? `in doubt: ${row.doubts}` : "", row.reason]
+      .filter(Boolean).join(": ");
+  });
+  return h("p", { class: "doubts", "aria-live": playing ? "off" : "polite" }, said.length ? `Frame ${frame}: ${said.join("; ")}` : "");
 }
 
-/** Charts of the motion, with a cursor at the frame. */
+/** The parabolas that were fitted to the flights, in pixels of the frames or in space. @returns {any[]} */
+function falls() {
+  const found = answer("track");
+  return found?.camera_moves ? [] : [...found?.falls ?? [], found?.fall].filter(Boolean);
+}
+
+/** Charts of the motion, with a cursor at the frame; below them the fall in words. */
 class Charts extends Component {
   constructor(/** @type {any} */ props) {
     super(props);
@@ -105,62 +164,61 @@ class Charts extends Component {
 
   componentDidMount() {
     library().then(() => this.componentDidUpdate());
+    this.watch = new ResizeObserver(() => this.componentDidUpdate());
+    this.watch.observe(this.place.current);
+    this.scheme = matchMedia("(prefers-color-scheme: dark)");
+    this.scheme.onchange = () => this.componentDidUpdate();
   }
 
   componentDidUpdate() {
-    const plot = /** @type {any} */ (window).uPlot;
     const place = this.place.current;
-    if (!plot || !place) return;
-    const all = this.props.rows;
-    const last = all[all.length - 1];
-    const key = `${all.length} ${last.frame} ${last.x}`;
+    if (!(/** @type {any} */ (window).uPlot) || !place) return;
+    const { rows: all, falls: fallen } = this.props;
+    const room = place.clientWidth - 20; // without its padding
+    const key = JSON.stringify([all.length, all[0], all[all.length - 1], fallen, room, this.scheme?.matches]);
     if (this.drawn !== key) {
       this.drawn = key;
       this.plots.forEach((one) => one.destroy());
-      this.plots = CHARTS.filter(([name]) => all.some((/** @type {any} */ row) => row[name] != null))
-        .map(([name, title, std]) => chart(plot, place, all, name, title, std));
+      const asked = charts(all, fallen);
+      const columns = Math.max(1, Math.min(3, Math.floor(room / CHART_WIDTH)));
+      const width = Math.floor(room / columns) - 7;
+      this.plots = asked.map((one) => chart(place, width, all, objectsOf(all), one, { go, point: (frame) => change({ pointed: frame }) }));
     }
-    const frame = this.props.frame;
-    this.plots.forEach((one) => one.setCursor({ left: one.valToPos(frame, "x"), top: 0 }, false));
+    this.plots.forEach((one) => one.setCursor({ left: one.valToPos(this.props.frame, "x"), top: 0 }, false));
   }
 
   componentWillUnmount() {
+    this.watch?.disconnect();
     this.plots.forEach((one) => one.destroy());
   }
 
   render() {
-    return h("div", { class: "charts", ref: this.place });
+    const objects = objectsOf(this.props.rows);
+    return [
+      objects.length > 1 && h("ul", { class: "objects", "aria-label": "Objects" }, objects.map((one) => h("li", null,
+        h("svg", { viewBox: "-8 -8 16 16", "aria-hidden": "true" }, h("path", { d: MARK_PATHS[one.mark], style: { stroke: `var(${one.color})`, fill: `var(${one.color})` } })),
+        ` object ${one.number}`))),
+      h("div", { class: "charts", ref: this.place }),
+      this.props.falls.map((/** @type {any} */ fall) => h("p", { class: "fall" }, objects.length > 1 ? `Object ${fall.object}: ` : "", fallInWords(fall))),
+    ];
   }
 }
 
-/** @param {any} plot @param {Element} place @param {any[]} all @param {string} name @param {string} title @param {string} std */
-function chart(plot, place, all, name, title, std) {
-  const value = (/** @type {number} */ sign) => all.map((row) => (row[name] == null ? null : row[name] + sign * (row[std] ?? 0)));
-  const ink = getComputedStyle(document.body).color;
-  const unit = name === "speed" ? all.find((row) => row.speed_unit)?.speed_unit : "";
-  const axis = { stroke: ink, grid: { stroke: "#8884" }, ticks: { stroke: "#8884" } };
-  return new plot({
-    width: Math.max(Math.floor((place.clientWidth - 32) / 2), 220), height: 120, title: unit ? `${title}, ${unit}` : title,
-    scales: { x: { time: false } }, legend: { show: false }, cursor: { y: false, drag: { x: false, y: false } },
-    series: [{}, { stroke: ink, width: 1, points: { show: true, size: 4, fill: ink } }, { stroke: "#0000" }, { stroke: "#0000" }],
-    bands: [{ series: [2, 3], fill: "#f608" }],
-    axes: [axis, axis],
-    hooks: { ready: [(/** @type {any} */ made) => made.over.addEventListener("click", () => {
-      if (made.cursor.idx != null) go(all[made.cursor.idx].frame);
-    })] },
-  }, [all.map((row) => row.frame), value(0), value(1), value(-1)], place);
-}
-
-let loading = /** @type {Promise<void> | null} */ (null);
-
-/** Load the charts' library when the first one is drawn. */
-function library() {
-  loading ??= new Promise((resolve, reject) => {
-    const script = document.createElement("script");
-    script.src = "/page/vendor/uplot.js";
-    script.onload = () => resolve();
-    script.onerror = reject;
-    document.head.append(script);
+/** What there is to draw: places, sizes, and how far places are off the parabola. @param {any[]} all @param {any[]} fallen
+ * @returns {import("./chart.js").Chart[]} */
+function charts(all, fallen) {
+  const has = (/** @type {string} */ name) => all.some((row) => row[name] != null);
+  const places = has("ball_x") ? IN_SPACE : IN_PICTURE;
+  const unit = all.find((row) => row.speed_unit)?.speed_unit ?? "";
+  const made = /** @type {import("./chart.js").Chart[]} */ ([]);
+  places.forEach(([name, title], axis) => {
+    if (has(name)) made.push({ name, title, down: axis === 1, axis: "xyz"[axis], falls: fallen, off: false });
   });
-  return loading;
+  for (const [name, title] of SIZES) {
+    if (has(name)) made.push({ name, title: name === "speed" ? `${title}, ${unit}` : title, down: false, axis: "", falls: [], off: false });
+  }
+  if (fallen.length) {
+    places.forEach(([name, title], axis) => made.push({ name, title: `off the parabola: ${title}`, down: axis === 1, axis: "xyz"[axis], falls: fallen, off: true }));
+  }
+  return made;
 }

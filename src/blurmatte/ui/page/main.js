@@ -1,7 +1,7 @@
 // The page: what is shown, from what the store knows.
 
 import { post } from "./api.js";
-import { ClipBar } from "./clip.js";
+import { ClipBar, objectsOf } from "./clip.js";
 import { NumberField, Slider } from "./controls.js";
 import { Edit, Measure, Sharp, Solve } from "./panels.js";
 import { active, answer, cancel, change, drop, example, exchange, facts, follow, isClip, job, onChange, resume, solution, store, takeExample, trying } from "./store.js";
@@ -142,19 +142,22 @@ function band(points, std) {
   return [1, -1].map((sign) => `M${side(sign).join("L")}Z`).join("");
 }
 
-/** Places of a tracked object: its path, and where it is in this frame. */
+/** Places of tracked objects: the path of each, and where it is in this frame. */
 function clipMarks() {
   if (!isClip()) return [];
-  const rows = answer("track")?.rows ?? [];
-  const here = rows.filter((/** @type {any} */ row) => row.frame === store.frame && row.x !== null);
-  const all = rows.filter((/** @type {any} */ row) => row.x !== null);
-  return [
-    all.length > 1 && h("polyline", { class: "track", points: all.map((/** @type {any} */ r) => `${r.x + 0.5},${r.y + 0.5}`).join(" ") }),
-    ...here.flatMap((/** @type {any} */ row) => [
-      h("line", { class: "path", x1: row.first_x + 0.5, y1: row.first_y + 0.5, x2: row.last_x + 0.5, y2: row.last_y + 0.5 }),
-      h("circle", { class: "outline", cx: row.x + 0.5, cy: row.y + 0.5, r: row.radius ?? 4 }),
-    ]),
-  ];
+  const rows = (answer("track")?.rows ?? []).filter((/** @type {any} */ row) => row.x !== null);
+  return objectsOf(rows).flatMap(({ number, alone, color }) => {
+    const all = rows.filter((/** @type {any} */ row) => (row.object ?? 1) === number);
+    const style = alone ? {} : { stroke: `var(${color})` };
+    return [
+      all.length > 1 && h("polyline", { class: "track", style, points: all.map((/** @type {any} */ r) => `${r.x + 0.5},${r.y + 0.5}`).join(" ") }),
+      ...all.filter((/** @type {any} */ row) => row.frame === store.frame).flatMap((/** @type {any} */ row) => [
+        h("line", { class: "path", style, x1: row.first_x + 0.5, y1: row.first_y + 0.5, x2: row.last_x + 0.5, y2: row.last_y + 0.5 }),
+        h("circle", { class: "outline", style, cx: row.x + 0.5, cy: row.y + 0.5, r: row.radius ?? 4 }),
+        !alone && h("text", { class: "number", x: row.x + 0.5 + (row.radius ?? 4), y: row.y + 0.5 - (row.radius ?? 4), style: { fill: `var(${color})` } }, number),
+      ]),
+    ];
+  });
 }
 
 function Progress() {
@@ -167,7 +170,7 @@ function Progress() {
   return h("div", { class: "progress" },
     h("span", { "aria-live": "polite" }, `${now.title}: ${words}`),
     of ? h("progress", { max: of, value: done, "aria-label": `${now.title}: ${done} of ${of}` }) : h("progress", { "aria-label": now.title }),
-    h("span", null, of ? `${done} of ${of}${time}` : ""),
+    h("span", null, of ? `${done} of ${of}${time}` : now.seconds ? `${inTime(now.seconds)} so far` : ""),
     h("button", { onClick: () => cancel(now.number) }, "Cancel"));
 }
 

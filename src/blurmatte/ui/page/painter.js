@@ -288,7 +288,8 @@ export function changeOf(changes, paints, colors, brightest) {
   let light = [[bright, 0, 0], [0, bright, 0], [0, 0, bright]];
   if (colors.length) {
     const scaled = paints.map((row) => row.map((value) => value * bright));
-    light = times(transposed(colors), times(inverse(scaled), light));
+    const painted = times(transposed(colors), times(inverse(scaled), light));
+    if (painted.flat().every(Number.isFinite)) light = painted; // of paints of one hue the command says why not
   }
   const gain = changes.gain.map((value) => value * 2 ** changes.expose);
   light = light.map((row, k) => row.map((value) => value * gain[k]));

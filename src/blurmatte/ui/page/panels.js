@@ -82,9 +82,11 @@ function MoreOptions() {
     h(Field, { name: "Seconds at most", value: store.seconds, hint: "for new shapes", onChange: (/** @type {string} */ seconds) => change({ seconds }) }),
     isClip() && [
       h(Field, { name: "Layers of a clip", value: store.layers, hint: "exr, png, tif, mov", onChange: (/** @type {string} */ layers) => change({ layers }) }),
-      h(Check, { name: "All objects of that color", checked: store.several, onChange: (/** @type {boolean} */ several) => change({ several }) }),
+      h(Several, null),
     ]);
 }
+
+const Several = () => h(Check, { name: "All objects of that color", checked: store.several, onChange: (/** @type {boolean} */ several) => change({ several }) });
 
 /** The grade in words, the reasons, the colors that fit, and files. @param {{found: any}} props */
 function Answer({ found }) {
@@ -159,13 +161,11 @@ export function Edit() {
     h(Slider, { name: "Fade", value: changes.fade, from: 0, to: 2, step: 0.01, words: `${changes.fade.toFixed(2)} × as opaque`, onInput: (/** @type {number} */ fade) => edit({ fade }) }),
     h(Slider, { name: "Amplify", value: changes.amplify, from: 1, to: 10, step: 0.1, words: changes.amplify === 1 ? "no" : `${changes.amplify} ×, and bright`, onInput: (/** @type {number} */ amplify) => edit({ amplify }) }),
     h(Slider, { name: "Expose", value: changes.expose, from: -4, to: 4, step: 0.1, words: `${changes.expose} stops`, onInput: (/** @type {number} */ expose) => edit({ expose }) }),
-    paints.map((paint, k) => h("label", { class: "check" }, h("span", { class: "swatch", style: { background: paint.hex } }), " becomes ",
-      h("input", { type: "color", "aria-label": `New color of ${paint.hex}`, value: changes.recolor[k] || paint.hex,
-        onInput: (/** @type {any} */ e) => edit({ recolor: paints.map((_, j) => (j === k ? e.target.value : changes.recolor[j] ?? "")) }) }))),
+    h(Paints, { own, paints }),
     h("details", null, h("summary", null, "Gain of red, green and blue"), ["red", "green", "blue"].map((channel, k) => h(Slider, {
       name: `Gain of ${channel}`, value: changes.gain[k], from: 0, to: 3, step: 0.01, words: changes.gain[k].toFixed(2),
       onInput: (/** @type {number} */ value) => edit({ gain: changes.gain.map((g, j) => (j === k ? value : g)) }) }))),
-    h("button", { class: "quiet", onClick: () => edit({ fade: 1, amplify: 1, recolor: [], expose: 0, gain: [1, 1, 1] }) }, "As it was"),
+    h("button", { class: "quiet", onClick: () => edit({ fade: 1, amplify: 1, paints: [], recolor: [], expose: 0, gain: [1, 1, 1] }) }, "As it was"),
     h("label", { class: "field" }, h("span", null, "Write as"), h("select", { "aria-label": "Write as", value: format, onChange: (/** @type {any} */ e) => change({ format: e.target.value }) },
       formats.map((one) => h("option", { value: one, selected: one === format }, one)))),
     h("button", { class: "main", disabled: !line.length, onClick: () => run("edit", words.edit(own, picture, plate, line, name), "edit") }, "Write the changed picture"),
@@ -174,6 +174,30 @@ export function Edit() {
     h("button", { onClick: () => { edit({ fade: 0 }); run("edit", words.remove(own, picture, plate, store.grow, `removed.${format}`), "remove"); } }, "Remove the object"),
     !isClip() && h(Compose, { own, line }),
     h(Written, { kind: "edit" }),
+  ];
+}
+
+const MOST_PAINTS = 3; // of edit
+
+/** The paints of the object, each with its new color. @param {{own: Source, paints: {hex: string}[]}} props */
+function Paints({ own, paints }) {
+  const { changes, picked } = store;
+  const found = paints.length - changes.paints.length;
+  const swap = (/** @type {string[]} */ all, /** @type {number} */ k, /** @type {string} */ hex) => paints.map((_, j) => (j === k ? hex : all[j] ?? ""));
+  const old = (/** @type {string} */ hex, /** @type {number} */ k) => edit({ paints: changes.paints.map((one, j) => (j === k - found ? hex : one)) });
+  return [
+    paints.map((paint, k) => h("div", { class: "check" },
+      k < found ? h("span", { class: "swatch", style: { background: paint.hex } })
+        : h("input", { type: "color", "aria-label": `Paint ${k + 1} of the object`, value: paint.hex, onInput: (/** @type {any} */ e) => old(e.target.value, k) }),
+      ` ${paint.hex} becomes `,
+      h("input", { type: "color", "aria-label": `New color of paint ${k + 1}, ${paint.hex}`, value: changes.recolor[k] || paint.hex,
+        onInput: (/** @type {any} */ e) => edit({ recolor: swap(changes.recolor, k, e.target.value) }) }),
+      k >= found && picked && h("button", { class: "quiet", onClick: () => old(picked.hex, k) }, `It is ${picked.hex}`),
+      k >= found && h("button", { class: "quiet", "aria-label": `No paint ${k + 1}`, onClick: () => edit({
+        paints: changes.paints.filter((_, j) => j !== k - found), recolor: changes.recolor.filter((_, j) => j !== k) }) }, "✕"))),
+    paints.length > 0 && paints.length < MOST_PAINTS && h("button", { class: "quiet", onClick: () => edit({ paints: [...changes.paints, "#ffffff"] }) }, "It has another paint"),
+    paints.length > 1 && !isClip() && h("button", { onClick: () => run("paints", words.paints(own, paints.map((one) => one.hex)), "paints") }, "Map where each paint was"),
+    h(Written, { kind: "paints" }),
   ];
 }
 
@@ -224,6 +248,7 @@ export function Measure() {
       h(FileField, { label: "Camera", source: ruler.camera, clear: () => set({ camera: null }) }),
       clip && h(Field, { name: "Gravity", value: ruler.gravity, hint: "9.81, gives the scale", onChange: (/** @type {string} */ gravity) => set({ gravity }) }),
       !clip && h(Check, { name: "Also how far it turned", checked: store.rotation, onChange: (/** @type {boolean} */ rotation) => change({ rotation }) })),
+    clip && h(Several, null),
     clip ? h("button", { class: "main", disabled: !store.picture, onClick: () => trackNow() }, "Track")
       : h("button", { class: "main", disabled: !own, onClick: () => own && run("measure",
         ruler.plane.length || ruler.camera ? words.locate(own, measured()) : words.measure(own, measured(), store.rotation), "measure") }, "Measure"),
@@ -268,11 +293,7 @@ function Motion({ found, number }) {
 /** @param {any} found */
 function speedInWords(found) {
   const { mean_speed: value, mean_speed_std: std, speed_unit: unit } = found;
-  const both = (/** @type {number} */ factor) => {
-    const digits = Math.max(0, 1 - Math.floor(Math.log10(factor * std || 1e-3)));
-    return `${(factor * value).toFixed(Math.min(digits, 6))} ± ${(factor * std).toFixed(Math.min(digits, 6))}`;
-  };
-  return unit === "m/s" ? `${both(3.6)} km/h (${both(1)} m/s)` : `${both(1)} ${unit}`;
+  return unit === "m/s" ? `${words.withError(3.6 * value, 3.6 * std)} km/h (${words.withError(value, std)} m/s)` : `${words.withError(value, std)} ${unit}`;
 }
 
 // Sharp

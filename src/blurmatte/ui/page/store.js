@@ -43,7 +43,7 @@ const CHOSEN = {
   spin: false,
   moments: 9,
   moment: 4,
-  changes: { fade: 1, amplify: 1, recolor: /** @type {string[]} */ ([]), expose: 0, gain: [1, 1, 1] },
+  changes: { fade: 1, amplify: 1, paints: /** @type {string[]} */ ([]), recolor: /** @type {string[]} */ ([]), expose: 0, gain: [1, 1, 1] },
   over: /** @type {Source | null} */ (null),
   place: { x: 0, y: 0, scale: 1 },
   grow: 0,
@@ -61,6 +61,7 @@ export const store = {
   answers: /** @type {Map<number, any>} */ (new Map()), // what ended jobs answered
   picked: /** @type {any} */ (null),
   under: /** @type {any} */ (null), // values under the cursor
+  pointed: /** @type {number | null} */ (null), // the frame of the charts under the cursor
 };
 
 const kept = sessionStorage.getItem(KEPT);
@@ -300,7 +301,7 @@ export function exchange() {
 function findStreaks() {
   const { picture, plate } = store;
   const pair = JSON.stringify([picture, plate]);
-  if (!picture || !plate || !facts(picture) || isClip() || pair === store.searched) return;
+  if (!picture || !plate || !facts(picture) || isClip() || store.jobs.solve || pair === store.searched) return;
   change({ searched: pair });
   run("find", words.find(picture, plate), "regions");
 }

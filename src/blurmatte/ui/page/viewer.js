@@ -2,7 +2,7 @@
 
 import { look } from "./api.js";
 import { Painter, changeOf, lightOf } from "./painter.js";
-import { answer, behind, change, clipRow, drop, facts, job, layer, solution, store, trying } from "./store.js";
+import { answer, behind, change, clipRow, drop, facts, isClip, job, layer, solution, store, trying } from "./store.js";
 import { Component, createRef, h } from "./vendor/preact.js";
 
 /** @typedef {import("./tiles.js").Part} Part */
@@ -14,6 +14,7 @@ export const VIEWS = /** @type {[string, string][]} */ ([
 const FLAGS = [["known", "#4a9d5b"], ["not explained", "#e63c3c"], ["saturated", "#f3e63c"], ["shadow", "#5959d9"], ["occluded", "#bb43cc"], ["other", "#f39e26"]];
 const SAME = { fade: 1, light: [1, 0, 0, 0, 1, 0, 0, 0, 1] };
 const DATA = ["alpha", "error", "flags"]; // no light: exposure does not change them
+const AS_IT_IS = "plate as it is"; // what the report says of a plate that was not changed
 const ZOOM_STEP = 1.25;
 const MOST_ZOOM = 32;
 
@@ -21,7 +22,7 @@ const DRAWN = ["picture", "plate", "checker", "error"]; // views that the server
 
 /** Views that there is something to show in. */
 export const views = () => VIEWS.filter(([mode]) => (store.shaders || DRAWN.includes(mode)) && (
-  mode === "picture" || (mode === "plate" ? behind() && behind() !== "none"
+  mode === "picture" || (mode === "plate" ? scene() || (behind() && behind() !== "none")
     : mode === "over" ? layer() && store.over : mode === "sharp" ? sharpLayer()
     : mode === "reference" ? store.colorFrom
     : ["error", "flags"].includes(mode) ? facts(layer())?.kind === "solution" : layer())));
@@ -151,7 +152,7 @@ export class Viewer extends Component {
       (source && source !== "none" ? { source, part: name, frame } : null);
     const parts = {
       picture: store.mode === "reference" ? part(store.colorFrom, "picture") : part(store.picture, "picture", store.frame),
-      plate: part(behind(), "picture"),
+      plate: scene() ?? part(behind(), "picture"),
       layer: part(layer(), "layer"),
       error: facts(layer())?.kind === "solution" ? part(layer(), "error") : null,
     };
@@ -304,6 +305,17 @@ export class Viewer extends Component {
   }
 }
 
+/** The scene behind the object of a solved picture, if it is no file as it is: matched to the picture, or guessed.
+ * @returns {Part | null} */
+function scene() {
+  const own = layer();
+  const { picture, plate } = store;
+  if (!own || !picture || isClip()) return null;
+  if (plate === "none") return { source: picture, part: "guessed", frame: 0, beside: own };
+  const changed = solution()?.stats.match && solution().stats.match.in_words !== AS_IT_IS;
+  return plate && changed ? { source: picture, part: "matched", frame: 0, beside: plate } : null;
+}
+
 /** The highest alpha, which is shown white. */
 const peak = () => Math.min(Math.max(facts(layer())?.layer?.peak ?? 1, 0.01), 1);
 
@@ -343,14 +355,15 @@ function currentChange() {
   return changeOf(changes, paints.map((one) => one.light), recolored ? colors : [], own.brightest);
 }
 
-/** The paints of the object: its mean color, or those of a model of two.
+/** The paints of the object: its mean color, or those of a model of two; and those that were added.
  * @returns {{hex: string, light: number[]}[]} */
 export function paintsOf() {
   const model = solution()?.model;
   const own = facts(layer())?.layer;
   if (!own) return [];
-  if (model?.rank === 2) return model.hex.map((/** @type {string} */ hex) => ({ hex, light: lightOf(hex) }));
-  return [{ hex: model?.color ?? model?.hex?.[0] ?? clipRow()?.color ?? "#808080", light: own.color }];
+  const found = model?.rank === 2 ? model.hex : [model?.color ?? model?.hex?.[0] ?? clipRow()?.color ?? "#808080"];
+  const all = [...found, ...store.changes.paints].map((/** @type {string} */ hex) => ({ hex, light: lightOf(hex) }));
+  return all.length > 1 ? all : [{ ...all[0], light: own.color }]; // the command takes its mean
 }
 
 /** The pixel at a place. @param {number[]} place @returns {[number, number]} */

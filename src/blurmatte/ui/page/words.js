@@ -51,19 +51,20 @@ export function solve(chosen) {
  * @returns {Words} */
 export const plate = (pictures) => ["plate", ...pictures, "-o", { out: "plate.exr" }, "--json"];
 
-/** @typedef {{fade: number, amplify: number, recolor: string[], expose: number, gain: number[]}} Changes */
+/** `paints`: colors of the object beyond those that were found; `recolor`: a new color of each paint, or "".
+ * @typedef {{fade: number, amplify: number, paints: string[], recolor: string[], expose: number, gain: number[]}} Changes */
 
 /** The changes in the order in which they are made; numbers as the program reads them.
  * @param {Changes} changes
- * @param {string[]} paints  the object's colors
+ * @param {string[]} colors  of the object's paints
  * @returns {Words} */
-export function changeWords(changes, paints) {
+export function changeWords(changes, colors) {
   const words = /** @type {Words} */ ([]);
   if (changes.fade !== 1) words.push("--fade", short(changes.fade));
   if (changes.amplify !== 1) words.push("--amplify", short(changes.amplify));
   const recolored = changes.recolor.filter(Boolean);
-  if (recolored.length && paints.length > 1) {
-    const pairs = paints.map((old, k) => `${old}=${changes.recolor[k] || old}`);
+  if (recolored.length && colors.length > 1) {
+    const pairs = colors.map((old, k) => `${old}=${changes.recolor[k] || old}`);
     words.push("--recolor", pairs.join(","));
   } else if (recolored.length) words.push("--recolor", recolored[0]);
   if (changes.expose !== 0) words.push("--expose", short(changes.expose));
@@ -84,6 +85,10 @@ export const edit = (layer, picture, plate, changes, name) =>
 export const remove = (layer, picture, plate, grow, name) =>
   ["remove", layer, "--image", picture, "--plate", plate, ...(grow ? ["--grow", String(grow)] : []),
     "-o", { out: name }];
+
+/** How long each paint was where. @param {Source} layer @param {string[]} colors @returns {Words} */
+export const paints = (layer, colors) =>
+  ["paints", layer, ...colors.flatMap((color) => ["--color", color]), "-o", { out: "" }, "--json"];
 
 /** @param {Source} layer @param {Source} over @param {Words} changes
  * @param {{x: number, y: number, scale: number}} place @param {string} name @returns {Words} */
@@ -128,6 +133,28 @@ export const track = (clip, plate, ruler, how) =>
     ...option("--line-time", ruler.lineTime), ...option("--camera", ruler.camera),
     ...option("--gravity", ruler.gravity),
     "-o", { out: "track.csv" }, "--overlay", { out: "track.png" }, "--json"];
+
+/** The shots of a clip. @param {Source} clip @returns {Words} */
+export const shots = (clip) => ["info", clip, "--shots", "--json"];
+
+/** A value and its error, with two digits of the error. @param {number} value @param {number | null} [std] */
+export function withError(value, std) {
+  if (!std) return String(Number(value.toPrecision(4)));
+  const digits = Math.min(Math.max(0, 1 - Math.floor(Math.log10(std))), 6);
+  return `${value.toFixed(digits)} ± ${std.toFixed(digits)}`;
+}
+
+/** The acceleration of a fall, and what follows from it. @param {any} fall */
+export function fallInWords(fall) {
+  const metric = fall.acceleration_in_m_per_s2 !== undefined;
+  const size = metric ? withError(fall.acceleration_in_m_per_s2, fall.acceleration_in_m_per_s2_std) : withError(fall.acceleration, fall.acceleration_std);
+  const unit = metric ? "m/s²" : "place_z" in fall ? "m/s²" : "pixels/s²";
+  const off = fall.off.length ? ` Without weight: frames ${fall.off.join(", ")}.` : "";
+  if (fall.rejection) return `No free fall: ${fall.rejection}.${off}`;
+  const g = metric && fall.gravity === undefined ? `g = ${size} ${unit}` : `acceleration ${size} ${unit}`;
+  const scale = fall.meters_per_pixel === undefined ? "" : ` By gravity a pixel is ${withError(1000 * fall.meters_per_pixel, 1000 * fall.meters_per_pixel_std)} mm.`;
+  return `Free fall (dashed): ${g}.${scale}${off}`;
+}
 
 /** A line as a shell takes it. @param {string[]} words */
 export const quoted = (words) => words.map((word) =>
