@@ -251,7 +251,9 @@ def test_documented_commands_run_or_name_the_extra_without_extras(stage):
 
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert EXTRAS.keys() == project["optional-dependencies"].keys() - {"dev"}
+    extras = project["optional-dependencies"]
+    assert EXTRAS.keys() == extras.keys() - {"all", "dev"}
+    assert extras["all"] == [f"blurmatte[{','.join(sorted(EXTRAS))}]"]
 
 
 if __name__ == "__main__":
