@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import runner
 from tests.scenes import rendered
-from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
@@ -185,7 +185,7 @@ def write_results(folder):
             "color throw.png --plate empty_room.png --out ball.json",
             "solve scenes/easy/image.png --plate scenes/easy/plate.png --out results/easy",
         ):
-            result = CliRunner().invoke(app, shlex.split(call))
+            result = runner().invoke(app, shlex.split(call))
             assert result.exit_code == 0, (call, result.output)
     finally:
         os.chdir(here)
@@ -199,7 +199,7 @@ def run_all(stage, without):
         folder = stage.parent / f"{'none' if without else 'all'}_{number}"
         shutil.copytree(stage, folder, copy_function=os.link)
         os.chdir(folder)
-        result = CliRunner().invoke(app, shlex.split(call))
+        result = runner().invoke(app, shlex.split(call))
         os.chdir(stage)
         shutil.rmtree(folder)
         print(json.dumps([call, result.exit_code, result.stdout, result.stderr]), flush=True)
