@@ -147,7 +147,8 @@ class LinearImage(Displayed):
         check_light("rgb", self.rgb)
         check_finite("rgb", self.rgb)
         if self.valid is None:
-            object.__setattr__(self, "valid", np.ones(self.rgb.shape[:2], dtype=bool))
+            valid = np.ones(self.rgb.shape[:2], dtype=bool)  # type: ignore[unreachable]
+            object.__setattr__(self, "valid", valid)
         check_map("valid", self.valid, self.rgb.shape[:2], kinds="b")
         if not isinstance(self.noise, Noise | None):
             check_map("noise", self.noise, self.rgb.shape)
@@ -159,7 +160,7 @@ class LinearImage(Displayed):
         """Masked pixels become invalid ones of light 0."""
         masked = np.ma.getmaskarray(rgb)
         seen = ~masked.any(axis=-1) if masked.ndim == 3 else ~masked
-        valid = seen if self.valid is None else seen & np.asarray(self.valid)
+        valid = seen if self.valid is None else seen & self.valid  # type: ignore[redundant-expr]
         object.__setattr__(self, "rgb", rgb.filled(0))
         object.__setattr__(self, "valid", valid)
 

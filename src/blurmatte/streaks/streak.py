@@ -85,8 +85,7 @@ class Streak:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mask", as_array("mask", self.mask))
-        shape = self.mask.shape[:2] if isinstance(self.mask, np.ndarray) else ()
-        check_map("mask", self.mask, shape, kinds="b")
+        check_map("mask", self.mask, np.shape(self.mask)[:2], kinds="b")
         rows, columns = (np.flatnonzero(np.any(self.mask, axis=axis)) for axis in (1, 0))
         if len(rows) == 0:
             raise ValueError("a streak needs at least one pixel; its mask is empty")
