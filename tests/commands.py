@@ -1,13 +1,23 @@
 """Commands of the program, run in this process."""
 
+from inspect import signature
+
 from typer.testing import CliRunner
 
 from blurmatte.cli import app
 
+# click before 8.2 mixes stdout and stderr unless it is asked not to.
+_SEPARATE = {"mix_stderr": False} if "mix_stderr" in signature(CliRunner).parameters else {}
+
+
+def runner():
+    """Runs commands in this process, and keeps stdout and stderr apart."""
+    return CliRunner(**_SEPARATE)
+
 
 def run(*words):
     """How a command ended."""
-    return CliRunner().invoke(app, [str(word) for word in words])
+    return runner().invoke(app, [str(word) for word in words])
 
 
 def good(*words):

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.commands import runner
 from tests.scenes import rendered
-from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
@@ -185,7 +185,7 @@ def write_results(folder):
             "color throw.png --plate empty_room.png --out ball.json",
             "solve scenes/easy/image.png --plate scenes/easy/plate.png --out results/easy",
         ):
-            result = CliRunner().invoke(app, shlex.split(call))
+            result = runner().invoke(app, shlex.split(call))
             assert result.exit_code == 0, (call, result.output)
     finally:
         os.chdir(here)
@@ -199,7 +199,7 @@ def run_all(stage, without):
         folder = stage.parent / f"{'none' if without else 'all'}_{number}"
         shutil.copytree(stage, folder, copy_function=os.link)
         os.chdir(folder)
-        result = CliRunner().invoke(app, shlex.split(call))
+        result = runner().invoke(app, shlex.split(call))
         os.chdir(stage)
         shutil.rmtree(folder)
         print(json.dumps([call, result.exit_code, result.stdout, result.stderr]), flush=True)
@@ -251,7 +251,9 @@ def test_documented_commands_run_or_name_the_extra_without_extras(stage):
 
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert EXTRAS.keys() == project["optional-dependencies"].keys() - {"dev"}
+    extras = project["optional-dependencies"]
+    assert EXTRAS.keys() == extras.keys() - {"all", "dev"}
+    assert extras["all"] == [f"blurmatte[{','.join(sorted(EXTRAS))}]"]
 
 
 if __name__ == "__main__":

@@ -67,6 +67,15 @@ def _kept(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     return kernel
 
 
+def kernel_folder() -> Path | None:
+    """The folder below which compiled kernels are kept; None if they are kept nowhere."""
+    place = _kept(_is_whole, {})._cache.cache_path
+    if place is None:
+        return None
+    own = Path(__file__).parent
+    return own if Path(place).parent == own else Path(place).parent
+
+
 @cache
 def _checked_files() -> type:
     """Numba's cache of one kernel, with checksums: numba would run damaged code."""

@@ -8,8 +8,8 @@ import sys
 import numpy as np
 import pytest
 import typer
+from tests.commands import runner
 from tests.scenes import rendered
-from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
@@ -34,7 +34,7 @@ COMMANDS = dict(commands(typer.main.get_command(app)))
 
 
 def run(*arguments, width=100):
-    return CliRunner().invoke(
+    return runner().invoke(
         app, [str(one) for one in arguments], terminal_width=width, env={"COLUMNS": str(width)}
     )
 
@@ -196,7 +196,7 @@ def test_options_of_all_commands_may_stand_anywhere(tmp_path, place, name):
     """exact: before the command, between a group and its command, behind."""
     words = ["calibrate", "noise", str(tmp_path / "none.png")]
     at = {"before": 0, "between": 1, "behind": 3}[place]
-    result = CliRunner().invoke(app, [*words[:at], name, *words[at:]])
+    result = runner().invoke(app, [*words[:at], name, *words[at:]])
     assert result.exit_code == 2
     assert "No such option" not in result.stderr
     assert ("Traceback" in result.stderr) == (name == "-v")
@@ -204,7 +204,7 @@ def test_options_of_all_commands_may_stand_anywhere(tmp_path, place, name):
 
 def test_other_options_before_the_command_are_refused_with_their_place():
     """door."""
-    result = CliRunner().invoke(app, ["--plate", "a.png", "solve", "b.png"])
+    result = runner().invoke(app, ["--plate", "a.png", "solve", "b.png"])
     assert result.exit_code == 2
     assert "--plate goes behind the command" in result.stderr
     assert "COMMAND --plate" in result.stderr
@@ -216,7 +216,7 @@ def test_encoding_that_is_assumed_is_warned_of_once(tmp_path):
         bm.write(tmp_path / name, bm.LinearImage(np.full((9, 9, 3), 0.2)))
         chunks = png_chunks(tmp_path / name)
         save_chunks(tmp_path / name, [c for c in chunks if c[0] in (b"IHDR", b"IDAT", b"IEND")])
-    result = CliRunner().invoke(
+    result = runner().invoke(
         app,
         [
             "solve",
@@ -234,9 +234,7 @@ def test_encoding_that_is_assumed_is_warned_of_once(tmp_path):
 
 def test_single_picture_without_plate_is_refused_with_what_to_do(tmp_path):
     """door."""
-    result = CliRunner().invoke(
-        app, ["solve", str(tmp_path / "a.png"), "--out", str(tmp_path / "o")]
-    )
+    result = runner().invoke(app, ["solve", str(tmp_path / "a.png"), "--out", str(tmp_path / "o")])
     assert result.exit_code == 2
     for remedy in ("--plate", "photograph it", "tripod", "clip", "solve 'throws/*.jpg'"):
         assert remedy in result.stderr
@@ -264,7 +262,7 @@ def test_missing_extra_is_named_in_one_line(tmp_path, monkeypatch, extra, argume
     for name, head in (("rally.mp4", b"\0\0\0\x18ftypmp42"), ("a.dng", b"II*\0")):
         (tmp_path / name).write_bytes(head + bytes(99))
     bm.write("a.png", bm.LinearImage(np.full((9, 9, 3), 0.2)))
-    result = CliRunner().invoke(app, arguments)
+    result = runner().invoke(app, arguments)
     assert result.exit_code == 2, result.stderr
     assert f"blurmatte[{extra}]" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -40,25 +40,36 @@ def show(
         complain("open the file that is named above; no program was found to show it with")
 
 
-@command("info throw.png", "info out/layer.exr --json")
+@command("info throw.png", "info out/layer.exr --json", "info --compile")
 def info(
-    file: Annotated[
-        Path, argument("FILE", "A picture, a clip, a layer, a solution, a model, noise or a curve.")
-    ],
     reading: Reading,
+    file: Annotated[
+        Path | None,
+        argument("[FILE]", "A picture, a clip, a layer, a solution, a model, noise or a curve."),
+    ] = None,
     shots: Annotated[
         bool, flag("--shots", "Of a clip also its shots: all frames are decoded.")
     ] = False,
+    compile_all: Annotated[
+        bool, flag("--compile", "Compile all kernels now, and keep them.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Describe the contents of FILE.
+    """Describe the contents of FILE; without FILE, versions, extras and platform.
 
     A picture, a clip, a layer, a solution, a color model, a report, noise or a transfer curve.
     """
-    from blurmatte.cli.contents import (
+    if file is None:
+        if shots or reading != Reading():
+            raise ValueError("--shots, --transfer and --max-pixels describe a FILE; give one")
+        _describe_environment(compile_all, as_json)
+        return
+    if compile_all:
+        raise ValueError("--compile concerns no FILE; leave one of the two out")
+    from blurmatte.cli.contents import (  # not for --help: imports all of the library
         contents,
         shots_in,
-    )  # not for --help: imports all of the library
+    )
 
     with about(file) as said:
         lines, numbers = contents(file, reading, said)
@@ -67,6 +78,18 @@ def info(
             lines = [*lines, *(f"shot {k}: {shot}" for k, shot in enumerate(found, 1))]
             numbers["shots"] = [asdict(shot) for shot in found]
     answer(as_json, {"file": file, **numbers}, lines)
+
+
+def _describe_environment(compile_all: bool, as_json: bool) -> None:
+    """Print what blurmatte runs on, after all kernels were compiled if that is asked for."""
+    from blurmatte.cli.environment import environment
+    from blurmatte.cli.kernels import compile_kernels
+
+    if compile_all:
+        with waiting("compiling the kernels"):
+            compile_kernels()
+    lines, numbers = environment()
+    answer(as_json, numbers, lines)
 
 
 @command("find throw.png --plate none", "find throw.png --plate empty_room.png")

@@ -106,8 +106,8 @@ def to_mapping(thing: Any) -> dict[str, Any]:
     Raises TypeError if a value is no number, text, or list of them.
     """
     schema: Any = type(thing)
-    plain = _adapter(schema).dump_python(thing, mode="json", fallback=_number, warnings=False)
-    return dict(plain)
+    serializer = _adapter(schema).serializer  # its `dump_python` of pydantic 2.10 has no `fallback`
+    return dict(serializer.to_python(thing, mode="json", fallback=_number, warnings=False))
 
 
 def _number(value: Any) -> Any:

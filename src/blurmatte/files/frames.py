@@ -342,7 +342,7 @@ def _frames(
                 "the clip has no alpha and holds no layers"
             )
         timing = clip.timing
-        rate = timing.playback_rate if decode is decode_layers else timing.rate
+        rate = timing.playback_rate if decode is decode_layers else timing.rate  # type: ignore[redundant-expr]
         numbers = range(timing.count)
         return Frames(numbers, clip.size, rate, partial(decode, clip), clip)
     warned: list[Warning | str] = []

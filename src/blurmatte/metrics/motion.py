@@ -53,7 +53,7 @@ def trajectory_iou(
         If a path is not a Trajectory, or a number out of its range.
     """
     for name, path in (("estimated", estimated), ("true", true)):
-        if not (isinstance(path, Trajectory) or (path is None and name == "estimated")):
+        if not (isinstance(path, Trajectory) or (path is None and name == "estimated")):  # type: ignore[redundant-expr]
             raise TypeError(f"{name} must be a Trajectory, got {type(path).__name__}")
     if not (np.isfinite(radius) and radius > 0):
         raise ValueError(f"radius must be finite and above 0 pixels, got {radius}")

@@ -134,7 +134,7 @@ class Camera:
         TypeError, ValueError
             If `values` is not such an array.
         """
-        if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
+        if not isinstance(values, np.ndarray) or values.dtype.kind != "f":  # type: ignore[redundant-expr]
             kind = getattr(values, "dtype", type(values).__name__)
             raise TypeError(f"values must be a NumPy array of floats, got {kind}")
         if values.ndim not in (2, 3):

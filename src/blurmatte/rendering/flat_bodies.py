@@ -236,7 +236,7 @@ def star_sprite(size: int, color: npt.ArrayLike, points: int = 5) -> Sprite:
         If `size` or `points` is not an integer of 3 or more, or the color is black or negative.
     """
     for name, number in (("size", size), ("points", points)):
-        if not (isinstance(number, int) and number >= 3):
+        if not (isinstance(number, int) and number >= 3):  # type: ignore[redundant-expr]
             raise ValueError(f"{name} must be a whole number, 3 or more, got {number!r}")
     paint = check_color("color", color)
     inner = 0.42  # radius of the notches relative to the points

@@ -62,7 +62,7 @@ def unit_direction(name: str, direction: Sequence[float] | Array) -> Array:
     return np.asarray(d / np.linalg.norm(d))
 
 
-def check_lighting(lamps: tuple[Lamp, ...], ambient: float) -> None:
+def check_lighting(lamps: object, ambient: float) -> None:
     """Raise TypeError or ValueError unless there are lamps and `ambient` is within 0…1."""
     if not isinstance(lamps, tuple) or not all(isinstance(lamp, Lamp) for lamp in lamps):
         raise TypeError(f"lamps must be a tuple of Lamp, got {lamps!r}")

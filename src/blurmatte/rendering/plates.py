@@ -249,7 +249,7 @@ def _from_hue(hue: Array, saturation: Array, value: Array) -> Array:
 
 
 def _check_size(size: tuple[int, int]) -> None:
-    if len(size) != 2 or min(size) < 1:
+    if len(size) != 2 or min(size) < 1:  # type: ignore[redundant-expr]
         raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
 
 

@@ -195,7 +195,7 @@ class Scene:
     def _check_pinhole(self, pinhole: Pinhole) -> None:
         if not getattr(self.body, "perspective", False):
             raise TypeError(f"a pinhole camera sees a Ball, got {type(self.body).__name__}")
-        if self.change.squash != (1, 1):
+        if any(factor != 1 for factor in self.change.squash):
             raise ValueError(f"a pinhole camera sees no squash, got {list(self.change.squash)}")
         radius = max(max(self.body.reach(self.change.at(t))) for t in (0, 1))
         if radius >= pinhole.focal:

@@ -55,7 +55,7 @@ class Drift:
         below 0 at hard edges. It is not clipped. The picture is mirrored at its border.
         """
         light = check_light("light", light)
-        if self.shift != (0, 0) or self.rotation:
+        if any(self.shift) or self.rotation:
             light = self._moved(light)
         if self.gain != (1, 1, 1):
             light = light * np.asarray(self.gain, dtype=light.dtype)

@@ -76,7 +76,7 @@ class Workers:
         executor: concurrent.futures.Executor | None = None,
         folder: str | Path | None = None,
     ) -> None:
-        if not isinstance(count, int) or count < 1:
+        if not isinstance(count, int) or count < 1:  # type: ignore[redundant-expr]
             raise ValueError(f"workers must be at least 1, got {count!r}")
         self.count = count
         self._executor = executor
