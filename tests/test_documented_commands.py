@@ -27,7 +27,11 @@ from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 SIZE = (640, 400)  # the documents name points and boxes in it
 SMALL = (96, 64)
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
@@ -251,7 +255,7 @@ def test_documented_commands_run_or_name_the_extra_without_extras(stage):
 
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert EXTRAS.keys() == project["optional-dependencies"].keys() - {"dev"}
+    assert EXTRAS.keys() == project["optional-dependencies"].keys() - {"dev", "docs"}
 
 
 if __name__ == "__main__":

@@ -59,16 +59,18 @@ def run(name: str, names: dict[str, Any]) -> str:
     return "".join(said)
 
 
-def drawn(name: str, names: dict[str, Any]) -> np.ndarray | None:
-    """The last picture to which an example gives a name: (H, W, 3) uint8; None if it makes none."""
+_DRAWN = "picture", "sheet"  # what an example calls a picture that the site shall show
+
+
+def draws(name: str) -> bool:
+    """Whether the example of a name makes a picture that the site shows."""
+    return any(one.source.startswith(_DRAWN) for one in example(name))
+
+
+def drawn(name: str, names: dict[str, Any]) -> np.ndarray:
+    """The picture that an example makes: (H, W, 3) uint8."""
     own = dict(names)
     for statement in example(name):
-        if statement.exc_msg is None:
-            exec(statement.source, own)
-    made = [value for key, value in own.items() if names.get(key) is not value]
-    for thing in reversed(made):
-        if isinstance(thing, bm.LinearImage | bm.Layer | bm.Solution):
-            return bm.figures.draw_look(thing)
-        if isinstance(thing, np.ndarray) and thing.dtype == np.uint8 and thing.ndim == 3:
-            return thing
-    return None
+        exec(statement.source, own)
+    made = next(own[key] for key in _DRAWN if own.get(key) is not names.get(key))
+    return made if isinstance(made, np.ndarray) else bm.figures.draw_look(made)

@@ -161,7 +161,7 @@ def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
     Examples
     --------
     >>> files = bm.results.save_plate("plate.exr", bm.make_plate(frames))
-    >>> picture = bm.read("plate.exr")
+    >>> plate = bm.read("plate.exr")
     """
     check_kind("fit", fit, PlateFit, "use blurmatte.make_plate(frames)")
     plate, sheet = plate_files(Path(path))

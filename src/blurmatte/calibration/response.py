@@ -143,7 +143,7 @@ def fit_response(
     >>> light = np.linspace(0.02, 0.98, 64)[None, :, None] * np.ones((48, 1, 3))
     >>> half, full = (bm.LinearImage(bm.SRGB.encode(light * exposure)) for exposure in (0.5, 1))
     >>> fit = bm.calibration.fit_response([half, full], [1 / 120, 1 / 60])
-    >>> picture = bm.decode(np.full((8, 8, 3), 128, np.uint8), fit.transfer)
+    >>> decoded = bm.decode(np.full((8, 8, 3), 128, np.uint8), fit.transfer)
     """
     if not (np.isfinite(time_std) and 0 <= time_std <= 1):
         raise ValueError(f"time_std must lie between 0 and 1, got {time_std}")

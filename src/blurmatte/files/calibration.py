@@ -85,7 +85,7 @@ def read_transfer(path: str | Path) -> Transfer:
     >>> light = np.linspace(0.02, 0.98, 64)[None, :, None] * np.ones((48, 1, 3))
     >>> half, full = (bm.LinearImage(bm.SRGB.encode(light * exposure)) for exposure in (0.5, 1))
     >>> bm.write("mycam.json", bm.calibration.fit_response([half, full], [1 / 120, 1 / 60]))
-    >>> picture = bm.read("throw.png", bm.read_transfer("mycam.json"))
+    >>> image = bm.read("throw.png", bm.read_transfer("mycam.json"))
     """
     curve: Transfer = read_json(path, _TRANSFER, _TRANSFER_HINT, "transfer curve")
     return curve

@@ -32,7 +32,7 @@ class Noise(ABC):
     ...         return np.full_like(light, 1e-6)
     ...     def times(self, factor):
     ...         return bm.NoiseModel(read_std=1e-3 * factor**0.5)
-    >>> picture = image.with_noise(Constant())
+    >>> noisy = image.with_noise(Constant())
     """
 
     @abstractmethod
