@@ -58,6 +58,7 @@ sphinx_gallery_conf = {
 html_theme = "furo"
 html_title = f"blurmatte {release}"
 html_static_path = ["_static"]
+templates_path = ["_templates"]
 html_css_files = ["site.css"]
 html_js_files = [("site.js", {"defer": "defer"})]
 html_copy_source = False

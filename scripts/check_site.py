@@ -1,6 +1,6 @@
 """Check a built site: links, and with a browser requests, width and accessibility of every page.
 
-python scripts/check_site.py build/site [--browser] [--pictures FOLDER]
+python scripts/check_site.py build/site [--browser] [--pages GLOB] [--pictures FOLDER]
 """
 
 import argparse
@@ -67,8 +67,8 @@ class _Silent(SimpleHTTPRequestHandler):
         """Print nothing."""
 
 
-def seen(folder: Path, pictures: Path | None) -> Iterator[str]:
-    """Faults that a browser shows: requests to other hosts, width on a telephone, accessibility."""
+def seen(folder: Path, pages: str, pictures: Path | None) -> Iterator[str]:
+    """Faults that a browser shows: requests to other hosts, width, accessibility on a desk's screen."""
     from axe_core_python.sync_playwright import Axe
     from playwright.sync_api import sync_playwright
 
@@ -90,7 +90,7 @@ def seen(folder: Path, pictures: Path | None) -> Iterator[str]:
                 page = context.new_page()
                 asked: list[str] = []
                 page.on("request", lambda request, asked=asked: asked.append(request.url))
-                for path in sorted(folder.rglob("*.html")):
+                for path in sorted(folder.glob(pages)):
                     name = path.relative_to(folder).as_posix()
                     page.goto(urljoin(home, name))
                     where = f"{name} ({scheme}, {size})"
@@ -99,7 +99,7 @@ def seen(folder: Path, pictures: Path | None) -> Iterator[str]:
                     wide = page.evaluate("document.documentElement.scrollWidth")
                     if wide > width:
                         yield f"{where}: {wide} pixels wide"
-                    if size == "desk" or scheme == "light":
+                    if size == "desk":
                         for fault in Axe().run(page)["violations"]:
                             first = fault["nodes"][0]["html"][:120]
                             yield f"{where}: {fault['id']}, {len(fault['nodes'])} times: {first}"
@@ -122,12 +122,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--browser", action="store_true", help="open every page in Chromium")
+    parser.add_argument("--pages", default="**/*.html", help="those that the browser opens")
     parser.add_argument("--pictures", type=Path, help="where to write what the browser shows")
     given = parser.parse_args()
     folder = given.folder.resolve()
     faults, outside = broken_links(folder)
     if given.browser:
-        faults += seen(folder, given.pictures)
+        faults += seen(folder, given.pages, given.pictures)
     print(*sorted(outside), sep="\n")
     print(*faults, sep="\n", file=sys.stderr)
     print(f"{len(list(folder.rglob('*.html')))} pages, {len(faults)} faults")

@@ -31,7 +31,8 @@ def children(name):
     """Pages below a page, as its toctrees name them."""
     text = (DOCS / f"{name}.md").read_text(encoding="utf-8")
     for block in re.findall(r"```{toctree}\n(.*?)```", text, re.DOTALL):
-        yield from (line for line in block.splitlines() if line and not line.startswith(":"))
+        lines = (line for line in block.splitlines() if line and not line.startswith(":"))
+        yield from (re.sub(r".* <(.*)>", r"\1", line) for line in lines)
 
 
 def test_every_document_has_its_place_on_the_site():

@@ -59,8 +59,19 @@ def _relink(app: Any, docname: str, content: list[str]) -> None:
             content[0] += f"\n```{{toctree}}\n:hidden:\n:glob:\n\n{CHILDREN[docname]}\n```\n"
 
 
+def _label_captions(
+    app: Any, page: str, template: str, context: dict[str, Any], document: Any
+) -> None:
+    """The theme marks captions of its navigation as headings, without their level."""
+    tree = context.get("furo_navigation_tree", "")
+    context["furo_navigation_tree"] = tree.replace(
+        'role="heading"', 'role="heading" aria-level="2"'
+    )
+
+
 def setup(app: Any) -> dict[str, bool]:
     """For Sphinx."""
     app.connect("builder-inited", _write_pages)
     app.connect("source-read", _relink)
+    app.connect("html-page-context", _label_captions, priority=900)  # after the theme
     return {"parallel_read_safe": True, "parallel_write_safe": True}
