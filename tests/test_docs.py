@@ -41,7 +41,7 @@ def calls():
     """Every `blurmatte …` in a console block or between backticks, as it is typed."""
     for text in TEXTS.values():
         for block in re.findall(r"```console\n(.*?)```", text, re.DOTALL):
-            yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
+            yield from re.findall(r"(?:^ *\$ |/)blurmatte (.*)$", block, re.MULTILINE)
         yield from re.findall(r"`blurmatte ([^`]* [^`]*)`", text)
 
 

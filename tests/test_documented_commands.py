@@ -58,7 +58,7 @@ def documented():
         for block in re.findall(
             r"```console\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL
         ):
-            yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
+            yield from re.findall(r"(?:^ *\$ |/)blurmatte (.*)$", block, re.MULTILINE)
 
 
 CALLS = sorted(

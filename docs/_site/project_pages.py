@@ -12,11 +12,11 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 PAGES = {
     "README.md": "generated/readme.md",
-    "CONTRIBUTING.md": "generated/contributing.md",
-    "CHANGELOG.md": "generated/changelog.md",
-    "SECURITY.md": "generated/security.md",
-    "CODE_OF_CONDUCT.md": "generated/code_of_conduct.md",
-    "RELEASING.md": "generated/releasing.md",
+    "CONTRIBUTING.md": "generated/project/contributing.md",
+    "CHANGELOG.md": "generated/project/changelog.md",
+    "SECURITY.md": "generated/project/security.md",
+    "CODE_OF_CONDUCT.md": "generated/project/code_of_conduct.md",
+    "RELEASING.md": "generated/project/releasing.md",
     "benchmarks/cycles/README.md": "generated/cycles.md",
 }
 CHILDREN = {"decisions/README": "0*"}  # pages below a page, besides those of docs/index.md
@@ -42,11 +42,10 @@ def relinked(text: str, source: str, page: str) -> str:
 
 
 def _write_pages(app: Any) -> None:
-    folder = Path(app.srcdir) / "generated"
-    folder.mkdir(exist_ok=True)
     for source, page in PAGES.items():
         path = Path(app.srcdir) / page
         if (ROOT / source).exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
             text = relinked((ROOT / source).read_text(encoding="utf-8"), source, page)
             if not path.exists() or path.read_text(encoding="utf-8") != text:
                 path.write_text(text, encoding="utf-8")
