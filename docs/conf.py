@@ -22,7 +22,7 @@ extensions = [
     "project_pages",
     "reference",
 ]
-exclude_patterns = ["_site", "gallery/GALLERY_HEADER.rst", "generated/gallery/*.ipynb"]
+exclude_patterns = ["_site", "generated/gallery/*.ipynb"]
 nitpicky = True
 language = "en"
 smartquotes = False  # texts hold commands, to be copied
