@@ -11,3 +11,8 @@ addEventListener("resize", wide);
 // The theme has two such landmarks on a page, without names.
 document.querySelector(".sidebar-drawer")?.setAttribute("aria-label", "All pages");
 document.querySelector(".toc-drawer")?.setAttribute("aria-label", "This page");
+
+// The gallery hides the text of links that its thumbnails have.
+for (const link of document.querySelectorAll(".sphx-glr-thumbcontainer a")) {
+  link.setAttribute("aria-label", link.textContent);
+}
