@@ -14,7 +14,11 @@ from blurmatte.cli import app
 from blurmatte.cli.console import GENERAL, ExitCode
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", *ROOT.glob("C*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [
+    ROOT / "README.md",
+    *ROOT.glob("C*.md"),
+    *sorted(p for p in (ROOT / "docs").rglob("*.md") if "generated" not in p.parts),
+]
 TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in DOCUMENTS}
 CLI = TEXTS["docs/cli.md"]
 GROUP = typer.main.get_command(app)
@@ -37,7 +41,7 @@ def calls():
     """Every `blurmatte …` in a console block or between backticks, as it is typed."""
     for text in TEXTS.values():
         for block in re.findall(r"```console\n(.*?)```", text, re.DOTALL):
-            yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
+            yield from re.findall(r"(?:^ *\$ |/)blurmatte (.*)$", block, re.MULTILINE)
         yield from re.findall(r"`blurmatte ([^`]* [^`]*)`", text)
 
 

@@ -27,7 +27,11 @@ from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [
+    ROOT / "README.md",
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
 SIZE = (640, 400)  # the documents name points and boxes in it
 SMALL = (96, 64)
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
@@ -54,7 +58,7 @@ def documented():
         for block in re.findall(
             r"```console\n(.*?)```", path.read_text(encoding="utf-8"), re.DOTALL
         ):
-            yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
+            yield from re.findall(r"(?:^ *\$ |/)blurmatte (.*)$", block, re.MULTILINE)
 
 
 CALLS = sorted(
@@ -252,7 +256,7 @@ def test_documented_commands_run_or_name_the_extra_without_extras(stage):
 def test_extras_are_those_of_the_project():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     extras = project["optional-dependencies"]
-    assert EXTRAS.keys() == extras.keys() - {"all", "dev"}
+    assert EXTRAS.keys() == extras.keys() - {"all", "dev", "docs"}
     assert extras["all"] == [f"blurmatte[{','.join(sorted(EXTRAS))}]"]
 
 

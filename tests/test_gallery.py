@@ -21,7 +21,7 @@ def named(path):
 @pytest.mark.parametrize("page", [named(page) for page in PAGES])
 def test_pages_reproduce_their_pictures(page, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(page), str(tmp_path)])
-    monkeypatch.setattr(sys, "path", [*sys.path])
+    monkeypatch.syspath_prepend(GALLERY)  # as `python docs/gallery/…` does
     runpy.run_path(str(page), run_name="__main__")
     (printed,) = tmp_path.iterdir()
     shown, now = (np.asarray(Image.open(path)) for path in (GALLERY / printed.name, printed))

@@ -6,17 +6,13 @@ visible, and the difference to the plate does not show its shape: it is large wh
 different colors, and zero where they agree.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
+from figure import color_of, gray, save, shown
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
 
-sys.path.insert(0, str(Path(__file__).parent))
-from figure import color_of, gray, save, shown
-
+# %%
 # **A scene with a known answer.** Alpha reaches 0.1. The camera has 8 bits and noise of half a code
 # value, the plate is the median of nine pictures.
 shot = bm.rendering.Shot(
@@ -32,9 +28,11 @@ shot = bm.rendering.Shot(
 rendering = bm.rendering.render(shot.scene)
 image, plate = shot.photograph(rendering)
 
+# %%
 # **Ordinary background subtraction,** with the largest contrast.
 difference = np.abs(image.rgb - plate.rgb).max(axis=-1)
 
+# %%
 # **Alpha and color.** Nothing else is given; the color is estimated from the streak.
 solution = bm.solve(image, plate)
 error = np.sqrt(np.mean((solution.layer.alpha - rendering.layer.alpha) ** 2))
@@ -42,7 +40,7 @@ print(f"{solution.model.hex[0]}, alpha off by {error:.4f} RMS")
 
 peak = float(rendering.layer.alpha.max())
 save(
-    __file__,
+    "barely_visible",
     [
         ("the picture", shown(image.rgb)),
         (

@@ -6,17 +6,13 @@ the color map is scaled, so that the ball and its shading are visible. Also the 
 color, and the picture without it.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
+from figure import color_of, gray, save, shown
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
 
-sys.path.insert(0, str(Path(__file__).parent))
-from figure import color_of, gray, save, shown
-
+# %%
 # **A ball under a lamp,** thrown in front of a dark wall.
 size = (330, 210)
 plate_light = 0.55 * colorful_plate(size, 3, tile=55)
@@ -35,6 +31,7 @@ image, plate = shot.photograph(rendering)
 solution = bm.solve(image, plate)
 layer = solution.layer
 
+# %%
 # **Edits of the layer,** put back into the picture: grain and shadows of the picture are kept.
 enhanced, _ = bm.retouch(image, layer, layer.amplify(5), plate)
 recolored, _ = bm.retouch(image, layer, layer.recolor("#4060ff").fade(3), plate)
@@ -44,7 +41,7 @@ print(f"{solution.model.hex[0]}; removed: {left:.4f} RMS from the scene without 
 
 peak = float(layer.alpha.max())
 save(
-    __file__,
+    "enhanced",
     [
         ("the picture", shown(image.rgb)),
         (f"alpha (white is {peak:.2f})", gray(layer.alpha, peak)),

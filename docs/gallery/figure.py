@@ -34,9 +34,12 @@ def color_of(solution: bm.Solution, max_std: float | None = None) -> np.ndarray:
     return np.where(sure[..., None], shown(solution.layer.straight()), np.uint8(128))
 
 
-def save(page: str, pictures: list[tuple[str, np.ndarray]], columns: int) -> None:
-    """Print the pictures of a page, all of one size, into the folder named on the command line."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(page).parent
+def save(page: str, pictures: list[tuple[str, np.ndarray]], columns: int) -> Image.Image:
+    """Print the pictures of a page, all of one size, into the folder named on the command line.
+
+    Without one, the folder is that of this file: a notebook has other words on its command line.
+    """
+    folder = Path(sys.argv[1]) if len(sys.argv) == 2 else Path(__file__).parent
     height, width = pictures[0][1].shape[:2]
     rows = -(-len(pictures) // columns)
     size = columns * (width + _GAP) + _GAP, rows * (height + _LINE + _GAP) + _GAP
@@ -47,6 +50,7 @@ def save(page: str, pictures: list[tuple[str, np.ndarray]], columns: int) -> Non
         y = _GAP + number // columns * (height + _LINE + _GAP)
         pen.text((x, y), title, _INK, font)
         sheet.paste(Image.fromarray(pixels), (x, y + _LINE))
-    target = folder / f"{Path(page).stem}.jpg"
+    target = folder / f"{page}.jpg"
     bm.write(target, np.array(sheet))
-    print(target)
+    print(target.name)
+    return sheet

@@ -7,17 +7,13 @@ contrast of a single frame. One exposure as long as the clip shows nearly nothin
 amplified.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
+from figure import save, shown
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
 
-sys.path.insert(0, str(Path(__file__).parent))
-from figure import save, shown
-
+# %%
 # **A clip of eight frames;** the shutter is open for 0.7 of the time.
 size = (340, 215)
 t = np.linspace(0, 1, 401)
@@ -37,16 +33,18 @@ photographed = [
 ]
 plate = photographed[0][1]
 
+# %%
 # **One color for the whole clip,** from several frames at once; then each frame alone.
 model = bm.fit_color([image for image, _ in photographed[2:5]], plate)
 layers = [bm.solve(image, plate, model).layer for image, _ in photographed]
 print(f"{model.hex[0]}, {len(layers)} frames")
 
+# %%
 # **All layers over the plate,** and as one exposure as long as the clip.
 together = bm.compositing.stack(layers)
 long = bm.compositing.long_exposure(layers)
 save(
-    __file__,
+    "long_exposure",
     [
         ("one frame", shown(photographed[4][0].rgb)),
         ("all frames: stack(layers)", shown(together.over(plate).rgb)),

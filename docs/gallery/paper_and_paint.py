@@ -6,22 +6,18 @@ paints, each with its alpha and its color. No shape is used: all pixels are solv
 colors, as from a sharp picture of the object.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
+from figure import color_of, gray, save, shown
 
 import blurmatte as bm
 from blurmatte.rendering import Sheet, colorful_plate
 from blurmatte.rendering.pose import Change
 
-sys.path.insert(0, str(Path(__file__).parent))
-from figure import color_of, gray, save, shown
-
 SIZE = (300, 170)
 GREEN, PINK = np.array([0.12, 0.65, 0.2]), np.array([0.85, 0.2, 0.35])
 BROWN, CREAM = np.array([0.45, 0.2, 0.07]), np.array([0.75, 0.7, 0.5])
 
+# %%
 # **Three objects,** each turning while it moves, in front of a colorful wall.
 objects = [
     (
@@ -58,4 +54,4 @@ for seed, (body, change, (start, end), paints) in enumerate(objects):
         ("alpha, white is 1", gray(solution.layer.alpha, 1)),
         ("color, if within 0.1 of white", color_of(solution, 0.1)),
     ]
-save(__file__, pictures, columns=3)
+save("paper_and_paint", pictures, columns=3)

@@ -6,17 +6,13 @@ without a color; the ball at any moment of the exposure follows from the light a
 The direction of time is unknown: the ball may have moved from right to left.
 """
 
-import sys
-from pathlib import Path
-
 import numpy as np
+from figure import gray, save, shown
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
 
-sys.path.insert(0, str(Path(__file__).parent))
-from figure import gray, save, shown
-
+# %%
 # **The picture:** 8 bits with noise of one code value, and a plate of five frames.
 paint = np.random.default_rng(4).uniform(0.08, 0.95, (6, 12, 3))
 texture = np.repeat(np.repeat(paint, 24, axis=0), 24, axis=1)
@@ -33,11 +29,13 @@ shot = bm.rendering.Shot(
 truth = bm.rendering.render(shot.scene)
 image, plate = shot.photograph(truth)
 
+# %%
 # **Its sweep and the sharp ball.**
 sweep = bm.sweep.fit_sweep(image, plate, model=bm.ColorModel.any())
 sharp = bm.deblur(image, plate, sweep)
 frames = sharp.subframes(8)
 
+# %%
 # **Against the truth,** in the middle of the exposure; the error is that of the color, over channels.
 middle = truth.scene.body.sharp(
     *(np.arange(n) - at for n, at in zip(image.size, truth.trajectory.at(0.5), strict=True)),
@@ -51,7 +49,7 @@ true = bm.Layer(middle[0], middle[1]).over(truth.plate)
 
 peak = 0.2
 save(
-    __file__,
+    "sharp",
     [
         ("the picture", shown(image.rgb)),
         ("the shutter opens", shown(sharp.at(0).over(plate).rgb)),

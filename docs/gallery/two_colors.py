@@ -6,22 +6,19 @@ whole exposure; these pixels determine the plane of its colors. The layer is put
 and alpha is split into the exposure fractions of both paints.
 """
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
+from figure import color_of, gray, save, shown
 
 import blurmatte as bm
 from blurmatte.rendering import Cube, colorful_plate
 from blurmatte.rendering.pose import Change
 
-sys.path.insert(0, str(Path(__file__).parent))
-from figure import color_of, gray, save, shown
-
 SIZE = (320, 220)
 RED, BLUE = np.array([0.75, 0.10, 0.06]), np.array([0.08, 0.22, 0.80])
 
+# %%
 # **A cube with three red and three blue faces,** a picture without noise, as in the paper.
 cube = Cube(92, np.array([RED, BLUE, BLUE, RED, RED, BLUE]), ambient=0.5)
 scene = bm.rendering.Scene(
@@ -37,6 +34,7 @@ still = bm.rendering.render(
 )
 moving = bm.rendering.render(scene)
 
+# %%
 # **The plane of colors from the core,** where the plate's texture is invisible; then each pixel alone.
 little = bm.NoiseModel(read_std=1e-6)
 image, plate = moving.image.with_noise(little), moving.plate.with_noise(little)
@@ -47,11 +45,12 @@ known = solution.known & solution.streak
 error = np.abs(solution.alpha - moving.layer.alpha)[known]
 print(f"{' + '.join(model.hex)}, alpha off by {np.median(error):.1e}, at most {error.max():.1e}")
 
+# %%
 # **Over another background, and paint by paint.**
 other = bm.LinearImage(colorful_plate(SIZE, 21, tile=16))
 exposures = bm.compositing.split_exposure(solution, RED, BLUE)
 save(
-    __file__,
+    "two_colors",
     [
         ("the cube, still", shown(still.image.rgb)),
         ("blurred", shown(image.rgb)),

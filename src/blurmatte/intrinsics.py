@@ -47,6 +47,14 @@ class Intrinsics:
     ------
     ValueError
         For numbers that are not finite, focal lengths that are not positive, or another count.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, (6000, 4000), sensor_width=36)
+    >>> print(f"{lens.fx:.0f} pixels")
+    4667 pixels
+    >>> lens.project(np.array([[0.1, 0.0, 2.0]])).round(1)
+    array([[3232.8, 1999.5]])
     """
 
     fx: float

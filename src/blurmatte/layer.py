@@ -46,6 +46,14 @@ class Layer(Displayed):
     ------
     TypeError, ValueError
         For arrays of another dtype or shape.
+
+    Examples
+    --------
+    >>> layer = bm.Layer(solution.layer.alpha, solution.layer.premultiplied)
+    >>> layer.box
+    (20, 20, 99, 55)
+    >>> blue = layer.recolor("#2040ff").fade(2)
+    >>> picture = blue.over(plate)
     """
 
     alpha: Floats

@@ -82,6 +82,13 @@ def save_results(
         If the sizes differ.
     FileError
         If the folder cannot be made or written to. What was there before stays as it was.
+
+    Examples
+    --------
+    >>> files = bm.save_results("out", image, plate, solution)
+    >>> sorted(file.name for file in files)
+    ['alpha.png', 'color.png', 'layer.exr', 'layer.png', 'model.json', 'overview.png',
+    'report.json']
     """
     check_picture("image", image)
     check_picture("plate", plate)
@@ -152,6 +159,11 @@ def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
     ------
     FileError
         If they cannot be written. What was there before stays as it was.
+
+    Examples
+    --------
+    >>> files = bm.results.save_plate("plate.exr", bm.make_plate(frames))
+    >>> plate = bm.read("plate.exr")
     """
     check_kind("fit", fit, PlateFit, "use blurmatte.make_plate(frames)")
     plate, sheet = plate_files(Path(path))
@@ -187,6 +199,13 @@ def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> li
         If sizes differ.
     FileError
         If they cannot be written. What was there before stays as it was.
+
+    Examples
+    --------
+    >>> paints = bm.compositing.split_exposure(solution, "#ff0000", "#00ff00")
+    >>> files = bm.results.save_exposures("paints", layer, paints)
+    >>> [file.name for file in files]
+    ['paint1.png', 'paint1_std.png', 'paint2.png', 'paint2_std.png', 'overview.png']
     """
     check_kind(
         "exposures",

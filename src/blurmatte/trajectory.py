@@ -43,6 +43,14 @@ class Trajectory:
     ------
     ValueError
         For other shapes, values that are not finite, or times that do not run from 0 to 1.
+
+    Examples
+    --------
+    >>> path = bm.Trajectory.parabola((20, 60), (80, -40), (0, 60))
+    >>> path.at(0.5)
+    array([60. , 47.5])
+    >>> print(f"{path.length:.1f} pixels")
+    82.4 pixels
     """
 
     xy: Array
@@ -230,6 +238,17 @@ class PointSpread:
     ------
     TypeError, ValueError
         For arrays of another dtype, or of different shapes.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[-3:4, -3:4]
+    >>> disc = (np.hypot(x, y) < 3).astype(float)
+    >>> alpha = np.zeros((16, 24))
+    >>> for column in (8, 10, 12, 14):
+    ...     alpha[5:12, column - 3 : column + 4] += disc / 4
+    >>> psf = bm.deblurring.fit_psf(alpha, np.full(alpha.shape, 0.01), disc)
+    >>> print(f"{psf.weight.sum():.2f}, at most {psf.weight.max():.2f} in one place")
+    1.00, at most 0.25 in one place
     """
 
     weight: Array

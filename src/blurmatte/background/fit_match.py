@@ -46,6 +46,11 @@ class Matching(Enum):
     NONE: no change. EXPOSURE: light only. SHIFT: shift, gain and offset. FULL: any homography, a
     smooth field of light, and bands. The least of each is always fitted, more only where the data
     require it.
+
+    Examples
+    --------
+    >>> bm.background.fit_match(image, plate, bm.background.Matching.EXPOSURE)
+    Match(light times 1.000, 1.000, 1.000)
     """
 
     NONE = "none"
@@ -101,6 +106,13 @@ def match_plate(
         If the sizes differ, or an argument has another type.
     PlateError
         If the plate shows another place or too different a light.
+
+    Examples
+    --------
+    >>> darker = bm.LinearImage(0.9 * plate.rgb)
+    >>> matched = bm.match_plate(darker, image)
+    >>> print(f"{np.median(matched.rgb / plate.rgb):.3f}")
+    1.000
     """
     return fit_match(image, plate, matching).apply(plate)
 
@@ -128,6 +140,12 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
         If the sizes differ.
     PlateError
         If the plate shows another place or too different a light, or is of another camera.
+
+    Examples
+    --------
+    >>> match = bm.background.fit_match(image, plate)
+    >>> print(match)
+    Match(plate as it is)
     """
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)

@@ -70,6 +70,14 @@ class PlateGuess(LinearImage):
         A draw of what the surroundings show but the plate does not predict, in that box.
     image_noise : Noise
         Noise of the image that it was made of.
+
+    Examples
+    --------
+    >>> region = np.zeros((72, 128), bool)
+    >>> region[24:40, 50:70] = True
+    >>> guess = bm.background.guess_plate(image, region)
+    >>> print(f"{guess.error:.3f} of white")
+    0.050 of white
     """
 
     hidden: Bools = None  # type: ignore[assignment]
@@ -139,6 +147,14 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
         If the region is no such array, or empty.
     PlateError
         If too little of the scene is seen around the region.
+
+    Examples
+    --------
+    >>> region = np.zeros((72, 128), bool)
+    >>> region[24:40, 50:70] = True
+    >>> guess = bm.background.guess_plate(image, region)
+    >>> guess.size, int(guess.hidden.sum())
+    ((128, 72), 320)
     """
     check_picture("image", image)
     region = check_map("region", region, image.valid.shape, kinds="b")

@@ -123,6 +123,15 @@ class Match:
     ------
     ValueError
         If an array has another shape.
+
+    Examples
+    --------
+    >>> darker = bm.LinearImage(0.9 * plate.rgb)
+    >>> match = bm.background.fit_match(image, darker)
+    >>> print(match)
+    Match(light times 1.111, 1.111, 1.111)
+    >>> [round(factor, 2) for factor in match.gain]
+    [1.11, 1.11, 1.11]
     """
 
     size: tuple[int, int]

@@ -66,6 +66,14 @@ class PlateFit(Displayed):
     coding_variance : (H, W, 3) float32, optional
         Of errors that a codec leaves in all frames alike, light²; None if not known. Frames of the clip
         do not differ from the plate by them, so that they are not in its variance; the scene does.
+
+    Examples
+    --------
+    >>> fit = bm.make_plate(frames)
+    >>> print(fit)
+    PlateFit(LinearImage(plate of 6 frames, 128x72, up to 0.43, 100.0% valid), 6 frames)
+    >>> print(f"{fit.coverage.min():.2f}")
+    0.67
     """
 
     plate: LinearImage
@@ -113,6 +121,13 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
         background was found.
     TypeError, ValueError
         If the frames are not LinearImages of one size, or can be iterated only once.
+
+    Examples
+    --------
+    >>> fit = bm.make_plate(frames)
+    >>> print(fit)
+    PlateFit(LinearImage(plate of 6 frames, 128x72, up to 0.43, 100.0% valid), 6 frames)
+    >>> empty = fit.plate
     """
     try:
         return _made(frames, against_scene=True)

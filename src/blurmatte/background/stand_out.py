@@ -40,6 +40,13 @@ def regions_that_stand_out(image: LinearImage) -> list[Box]:
     list of (x0, y0, x1, y1)
         Boxes for `guess_plate`, the one that stands out most first; empty if nothing does, as before
         a scene of many edges and patterns.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[:120, :160]
+    >>> light = np.where(np.hypot(x - 80, y - 60)[..., None] < 12, orange, [0.3, 0.35, 0.4])
+    >>> bm.background.regions_that_stand_out(camera.photograph(light, 0))
+    [(59, 40, 100, 80)]
     """
     check_picture("image", image)
     found = []

@@ -42,6 +42,14 @@ class NoiseFit:
         Variance of sums over blocks of 2, 4, 8 and 16 pixels' width, over that of independent pixels.
     changed : float
         Fraction of the pixels rejected because the scene changed there.
+
+    Examples
+    --------
+    >>> fit = bm.calibration.measure_noise_against(image, plate)
+    >>> print(fit)
+    NoiseFit(gain 1.32e-05 ± 4e-06, read_std 0 ± 0.0005)
+    >>> print(fit.noise)
+    NoiseModel(std 0.0019 at light 0.2)
     """
 
     sensor: NoiseModel

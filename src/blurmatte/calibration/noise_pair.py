@@ -49,6 +49,12 @@ def fit_noise(
     ------
     TypeError, ValueError
         If the sizes differ, or `still` is not (H, W) bool.
+
+    Examples
+    --------
+    >>> of_image, of_plate = bm.calibration.fit_noise(image, plate)
+    >>> print(of_image)
+    NoiseModel(std 0.002 at light 0.2)
     """
     check_picture("image", image)
     check_picture("plate", plate)

@@ -30,6 +30,13 @@ def cluster_workers(scheduler: Any, folder: str | Path) -> Iterator[Workers]:
         If `distributed` is not installed.
     ValueError
         If the cluster has no workers.
+
+    Examples
+    --------
+    >>> from distributed import Client  # doctest: +SKIP
+    >>> client = Client("tcp://host:8786")  # doctest: +SKIP
+    >>> with bm.clips.cluster_workers(client, "/shared/rally") as workers:  # doctest: +SKIP
+    ...     events = list(bm.save_clip(run, "/shared/rally", workers))
     """
     try:
         from distributed import Client

@@ -80,6 +80,14 @@ class ClipRun:
         If an extension is another, complete layers are no EXRs, or the solver has a plate in shadow.
     FileError
         If pyarrow is missing and the table is .parquet, or PyAV and layers are .mov.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> clip = bm.read_frames("clip", bm.SRGB)
+    >>> run = bm.clips.ClipRun((Path("throw.png"),), clip, plate, extension=".png")
+    >>> run.name
+    'throw.png …'
     """
 
     inputs: tuple[Path, ...]
@@ -166,6 +174,16 @@ class ClipReport:
     empty : int
         Frames without the object, or without a solution, whose layer file is transparent; of several
         objects those of the first. 0 if layers are written with all numbers of a solution.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> clip = bm.read_frames("clip", bm.SRGB)[:2]
+    >>> run = bm.clips.ClipRun((Path("throw.png"),), clip, plate, solution.model)
+    >>> with bm.motion.Workers(1) as workers:
+    ...     *_, report = bm.save_clip(run, "layers", workers)
+    >>> report.grades
+    {'confirmed': 2, 'plausible': 0, 'assumed': 0}
     """
 
     records: tuple[FrameRecord, ...]
@@ -238,6 +256,16 @@ def save_clip(
         If no shot has a result.
     FileError
         If the folder cannot be written to.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> clip = bm.read_frames("clip", bm.SRGB)[:2]
+    >>> run = bm.clips.ClipRun((Path("throw.png"),), clip, plate, solution.model)
+    >>> with bm.motion.Workers(1) as workers:
+    ...     *_, report = bm.save_clip(run, "layers", workers)
+    >>> sorted(file.name for file in report.files)
+    ['frames.csv', 'overview.png']
     """
     folder, begun = Path(folder), time.monotonic()
     run = replace(run, frames=run.frames.for_plate(run.plate))

@@ -48,6 +48,12 @@ class FrameRecord:
         Why there is no layer.
     doubts : str
         Why its first measurement, which the sheet shows, may be wrong.
+
+    Examples
+    --------
+    >>> record = bm.clips.FrameRecord.of(rows[0], 1, solution, "layer.000000.exr")
+    >>> record.frame, record.grade, round(record.sum_alpha)
+    (0, 'confirmed', 314)
     """
 
     frame: int

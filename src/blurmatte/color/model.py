@@ -45,6 +45,16 @@ class ColorModel:
     ------
     ValueError
         If the basis is not orthonormal, the covariance not (3, 3), or the mean not (3,).
+
+    Examples
+    --------
+    >>> model = bm.ColorModel.from_hex("#ffc032")
+    >>> model.rank, model.hex
+    (1, ('#ffc032',))
+    >>> orange_and_blue = np.array([[0.9, 0.5, 0.1], [0.1, 0.2, 0.8]])
+    >>> two_paints = bm.ColorModel.from_samples(orange_and_blue, rank=2, std=0.01)
+    >>> print(two_paints)
+    ColorModel(#bca0b3, rank 2, between #0077ff and #ffc100, ±0.77°)
     """
 
     basis: Array

@@ -55,6 +55,11 @@ def pick_colors(image: LinearImage, x: float, y: float, radius: float = 2) -> Ar
         If the point lies outside the picture or the radius is negative.
     ColorModelError
         If all of the pixels are clipped.
+
+    Examples
+    --------
+    >>> bm.color.pick_colors(plate, 20, 12, radius=1).mean(axis=0).round(2)
+    array([0.3 , 0.33, 0.07])
     """
     check_picture("image", image)
     width, height = image.size
@@ -99,6 +104,14 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
         If the plate is too flat, or the object is opaque nowhere.
     MotionError
         If no streak was given and nothing moved.
+
+    Examples
+    --------
+    >>> slow = bm.Trajectory.line((56, 36), (66, 36))
+    >>> scene = bm.rendering.Scene(wall, slow, bm.rendering.Ball(20, orange))
+    >>> colors = bm.color.core_colors(bm.rendering.render(scene, 40).image, bm.LinearImage(wall))
+    >>> print(bm.ColorModel.from_samples(colors))
+    ColorModel(#ffc048, rank 1, ±0.033°)
     """
     check_same_size("image", image.size, "plate", plate.size)
     image, plate = with_noise(image, plate)

@@ -299,6 +299,13 @@ def published_color_line(image_colors: Floats, plate_colors: Floats) -> ColorMod
     ------
     ValueError
         For fewer than two pixels, or shapes that differ.
+
+    Examples
+    --------
+    >>> inside = solution.streak
+    >>> model = bm.color.published_color_line(image.rgb[inside], plate.rgb[inside])
+    >>> model.hex
+    ('#ffc047',)
     """
     C, B = (np.asarray(a, dtype=float).reshape(-1, 3) for a in (image_colors, plate_colors))
     if C.shape != B.shape or len(C) < 2:

@@ -32,6 +32,14 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
     ------
     ValueError
         If a side is less than 1.
+
+    Examples
+    --------
+    >>> beach = bm.LinearImage(np.full((200, 300, 3), [0.2, 0.4, 0.7]))
+    >>> background = bm.compositing.cover(beach, image.size)
+    >>> background.size
+    (128, 72)
+    >>> picture = layer.over(background)
     """
     import OpenImageIO as oiio
 
@@ -77,6 +85,14 @@ def light_gain(background: LinearImage, plate: LinearImage) -> Array:
     ------
     ValueError
         If a channel of the plate is black, or a picture has no valid pixels.
+
+    Examples
+    --------
+    >>> evening = bm.LinearImage(plate.rgb * [0.5, 0.4, 0.3])
+    >>> gain = bm.compositing.light_gain(evening, plate)
+    >>> gain.round(2)
+    array([0.5, 0.4, 0.3])
+    >>> picture = layer.relight(gain).over(evening)
     """
     check_picture("background", background)
     check_picture("plate", plate)
@@ -112,6 +128,13 @@ def fade_between(first: LinearImage, second: LinearImage, count: int = 24) -> It
     ------
     ValueError
         If sizes differ or `count` is below 2.
+
+    Examples
+    --------
+    >>> steps = list(bm.compositing.fade_between(image, plate, count=5))
+    >>> len(steps)
+    5
+    >>> half = steps[2]
     """
     check_picture("first", first)
     check_picture("second", second)
@@ -141,6 +164,11 @@ def stack(layers: Iterable[Layer]) -> Layer:
     ------
     ValueError
         If there are no layers, or sizes differ.
+
+    Examples
+    --------
+    >>> layers = [bm.rendering.render(part, 40).layer for part in throw.exposures(6, duty=0.5)]
+    >>> picture = bm.compositing.stack(layers).over(plate)
     """
     return reduce(_above, _of_one_size(layers))
 
@@ -162,6 +190,12 @@ def long_exposure(layers: Iterable[Layer]) -> Layer:
     ------
     ValueError
         If there are no layers, or sizes differ.
+
+    Examples
+    --------
+    >>> layers = [bm.rendering.render(part, 40).layer for part in throw.exposures(6, duty=0.5)]
+    >>> exposed = bm.compositing.long_exposure(layers)
+    >>> picture = exposed.over(plate)
     """
     row = _of_one_size(layers)
     first = next(row)

@@ -28,6 +28,12 @@ class Exposures:
         correlated, so their absolute values are added. Infinite where the fraction is unknown.
     paints : (n, 3) float
         Linear light.
+
+    Examples
+    --------
+    >>> paints = bm.compositing.split_exposure(solution, "#ff0000", "#00ff00")
+    >>> paints.fraction.shape, int(paints.known.sum())
+    ((72, 128, 2), 1592)
     """
 
     fraction: Floats
@@ -59,6 +65,13 @@ def split_exposure(solution: Solution, *paints: Color) -> Exposures:
     ------
     ValueError
         If there is only one paint, or the colors are almost linearly dependent.
+
+    Examples
+    --------
+    >>> paints = bm.compositing.split_exposure(solution, "#ff0000", "#00ff00")
+    >>> total = paints.fraction.sum(axis=-1)
+    >>> print(f"{total.max():.2f}, alpha {solution.alpha.max():.2f}")
+    0.34, alpha 0.34
     """
     check_solution("solution", solution)
     colors = colors_of(paints)

@@ -45,6 +45,10 @@ def retouch(
     ------
     ValueError
         If sizes differ, or alpha changes and there is no plate.
+
+    Examples
+    --------
+    >>> blue, changed = bm.retouch(image, layer, layer.recolor("#2040ff"), plate)
     """
     check_picture("image", image)
     check_layer("layer", layer)
@@ -104,6 +108,12 @@ def remove(
     ------
     TypeError, ValueError
         If sizes differ, the streak is no array of bools, or `grow` is negative.
+
+    Examples
+    --------
+    >>> gone, changed = bm.remove(image, plate, solution.streak)
+    >>> int(changed.sum())
+    2136
     """
     check_picture("image", image)
     check_picture("plate", plate)

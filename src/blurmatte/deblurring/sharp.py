@@ -58,6 +58,15 @@ class Sharp(Displayed):
         Of a ball that turns in space, refined.
     tint : (8, 3) float
         With a spin: coefficients of the harmonics of colored light, see `spin`; else (0, 3).
+
+    Examples
+    --------
+    >>> print(sharp)
+    Sharp(radius 10.0 px, 445 points, color ± 0.020, misfit 0.37)
+    >>> start, end = sharp.at(0), sharp.at(1)
+    >>> start.box, end.box
+    ((78, 20, 99, 41), (20, 34, 41, 55))
+    >>> picture = sharp.shutter(0.25, 0.75).over(plate)
     """
 
     sweeps: tuple[Sweep, ...]
@@ -212,6 +221,13 @@ def deblur(
     BlurmatteWarning
         If a sweep has a `rejection`, the residuals have more than twice the variance of the noise, or a
         spin that was searched for is not certain.
+
+    Examples
+    --------
+    >>> sharp = bm.deblur(image, plate, sweep)
+    >>> print(sharp)
+    Sharp(radius 10.0 px, 445 points, color ± 0.020, misfit 0.37)
+    >>> picture = sharp.at(0.5).over(plate)
     """
     if isinstance(spin, str) and spin != "auto":
         raise ValueError(f'spin must be a Spin, "auto" or None, got {spin!r}')
@@ -354,6 +370,13 @@ def deblur_solution(solution: Solution) -> Sharp:
     ------
     MotionError
         If no sweep explains the solution.
+
+    Examples
+    --------
+    >>> sharp = bm.deblurring.deblur_solution(solution)
+    >>> print(sharp)
+    Sharp(radius 10.0 px, 445 points, color ± 0.017, misfit 0.15)
+    >>> picture = sharp.at(0.5).over(plate)
     """
     check_kind("solution", solution, Solution, "use blurmatte.solve(image, plate)")
     if solution.sweep is None:

@@ -44,6 +44,12 @@ class Spin:
         Log Bayes factor between this rotation and the next best distinct one.
     sweep : Sweep, optional
         The sweep with the path and shape that were refined with the rotation.
+
+    Examples
+    --------
+    >>> quarter = bm.deblurring.Spin(np.radians([0, 0, 90]))
+    >>> print(f"{quarter.rate_deg:.0f}° about {quarter.axis}")
+    90° about [0. 0. 1.]
     """
 
     rotation: Array

@@ -94,6 +94,11 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
         two different rotations explain the picture equally well.
     TypeError, ValueError
         If an argument is something else, or sizes differ.
+
+    Examples
+    --------
+    >>> spin = bm.deblurring.fit_spin(image, plate, sweep)  # doctest: +SKIP
+    >>> print(f"{spin.rate_deg:.0f}° ± {spin.rate_std_deg:.0f}°")  # doctest: +SKIP
     """
     check_picture("image", image)
     check_picture("plate", plate)

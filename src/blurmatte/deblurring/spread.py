@@ -77,6 +77,20 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
     ------
     TypeError, ValueError
         If an argument is no such array, or alpha shows nothing.
+
+    Examples
+    --------
+    >>> y, x = np.mgrid[-3:4, -3:4]
+    >>> disc = (np.hypot(x, y) < 3).astype(float)
+    >>> alpha = np.zeros((16, 24))
+    >>> for column in (8, 10, 12, 14):
+    ...     alpha[5:12, column - 3 : column + 4] += disc / 4
+    >>> psf = bm.deblurring.fit_psf(alpha, np.full(alpha.shape, 0.01), disc)
+    >>> np.argwhere(psf.weight > 0.1)
+    array([[ 8,  8],
+           [ 8, 10],
+           [ 8, 12],
+           [ 8, 14]])
     """
     silhouette, alpha = check_map("silhouette", silhouette), check_map("alpha", alpha)
     alpha_std = check_map("alpha_std", alpha_std, alpha.shape)
@@ -156,6 +170,12 @@ class Dwell:
         path and silhouette are right.
     misfit : float
         Reduced χ² of alpha.
+
+    Examples
+    --------
+    >>> dwell = bm.deblurring.fit_dwell(solution.alpha, solution.alpha_std, sweep)
+    >>> print(f"{dwell.time.sum():.2f} of the exposure on {len(dwell.rows)} parts of the path")
+    1.00 of the exposure on 60 parts of the path
     """
 
     xy: Array
@@ -195,6 +215,13 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
     ------
     TypeError, ValueError
         If an argument is something else, sizes differ, or there are fewer than 4 parts.
+
+    Examples
+    --------
+    >>> dwell = bm.deblurring.fit_dwell(solution.alpha, solution.alpha_std, sweep)
+    >>> first_half = dwell.position < sweep.length / 2
+    >>> print(f"{dwell.time[first_half].sum():.2f}")
+    0.50
     """
     check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
     alpha = check_map("alpha", alpha, sweep.size[::-1])

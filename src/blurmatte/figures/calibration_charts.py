@@ -28,6 +28,10 @@ def draw_noise(fit: NoiseFit) -> Codes8:
     ------
     BlurmatteError
         If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_noise(bm.calibration.measure_noise_against(image, plate))
     """
     check_kind("fit", fit, NoiseFit, "use blurmatte.calibration.measure_noise(frames)")
     figure = new_figure((8.0, 5.5), dpi=110)
@@ -75,6 +79,13 @@ def draw_response(fit: ResponseFit) -> Codes8:
     ------
     BlurmatteError
         If matplotlib is not installed.
+
+    Examples
+    --------
+    >>> light = np.linspace(0.02, 0.98, 64)[None, :, None] * np.ones((48, 1, 3))
+    >>> half, full = (bm.LinearImage(bm.SRGB.encode(light * exposure)) for exposure in (0.5, 1))
+    >>> fit = bm.calibration.fit_response([half, full], [1 / 120, 1 / 60])
+    >>> sheet = bm.figures.draw_response(fit)
     """
     figure = new_figure((8.0, 8.0), dpi=100)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))

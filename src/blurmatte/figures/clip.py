@@ -68,6 +68,11 @@ class ClipPhysics:
         Speed in each row and its error, m/s; None in a row without one.
     places : sequence of BallPlace or None, optional
         Result of `places_in_space`, one for each row.
+
+    Examples
+    --------
+    >>> scale = bm.Scale(0.002)
+    >>> physics = bm.figures.ClipPhysics({1: scale}, {1: bm.motion.fit_fall(rows, scale)})
     """
 
     scales: Mapping[int, Scale] = field(default_factory=dict)
@@ -132,6 +137,10 @@ def draw_clip(
     -------
     (H, W, 3) uint8
         sRGB-coded, 1800 pixels wide.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_clip(plate, rows)
     """
     physics = physics or ClipPhysics()
     found = [row for row in rows if row.sighting is not None]

@@ -43,6 +43,10 @@ def draw_edit(
     ------
     ValueError
         If sizes differ, or both layers are empty.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_edit(layer, layer.recolor("#2040ff"))
     """
     check_same_size("the layer", layer.size, "the edited layer", edited.size)
     box = around(layer, edited)
@@ -90,6 +94,11 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     ------
     ValueError
         If sizes differ, or the layer is empty.
+
+    Examples
+    --------
+    >>> paints = bm.compositing.split_exposure(solution, "#ff0000", "#00ff00")
+    >>> sheet = bm.figures.draw_exposures(layer, paints)
     """
     check_layer("layer", layer)
     check_kind(

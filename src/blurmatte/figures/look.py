@@ -40,6 +40,11 @@ def draw_look(thing: Shown) -> Codes8:
     ------
     TypeError
         For any other type.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_look(layer)
+    >>> bm.write("look.png", sheet)
     """
     check_kind("thing", thing, Shown, "other results have a draw_ function of their own")
     match thing:

@@ -53,6 +53,10 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes
     ------
     ValueError
         If the sizes differ.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_motion(image, solution, motion)
     """
     check_picture("image", image)
     check_solution("solution", solution)
@@ -133,6 +137,10 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8
     ------
     ValueError
         If sizes differ, or the object is outside the picture.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_sharp(sharp, layer)
     """
     check_kind("sharp", sharp, Sharp, "use blurmatte.deblur(image, plate, sweep)")
     check_layer("blurred", blurred)

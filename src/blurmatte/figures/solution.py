@@ -69,6 +69,11 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     ------
     ValueError
         If the sizes differ.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_overview(image, plate, solution)
+    >>> bm.write("overview.png", sheet)
     """
     check_picture("image", image)
     check_picture("plate", plate)
@@ -362,6 +367,10 @@ def draw_plate(fit: PlateFit) -> Codes8:
     -------
     (H, W, 3) uint8
         sRGB-coded, 1800 pixels wide.
+
+    Examples
+    --------
+    >>> sheet = bm.figures.draw_plate(bm.make_plate(frames))
     """
     plate = fit.plate
     known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))

@@ -42,6 +42,12 @@ def read_noise(path: str | Path) -> NoiseModel:
     ------
     FileError
         If the file cannot be read or holds no noise.
+
+    Examples
+    --------
+    >>> bm.write("camera.json", bm.calibration.measure_noise_against(image, plate))
+    >>> print(bm.read_noise("camera.json"))
+    NoiseModel(std 0.0019 at light 0.2)
     """
     hint = "give a file that blurmatte calibrate noise wrote"
     noise: NoiseModel = read_json(path, NOISE, hint, "noise model")
@@ -73,6 +79,13 @@ def read_transfer(path: str | Path) -> Transfer:
     ------
     FileError
         If the file cannot be read or holds no transfer curve.
+
+    Examples
+    --------
+    >>> light = np.linspace(0.02, 0.98, 64)[None, :, None] * np.ones((48, 1, 3))
+    >>> half, full = (bm.LinearImage(bm.SRGB.encode(light * exposure)) for exposure in (0.5, 1))
+    >>> bm.write("mycam.json", bm.calibration.fit_response([half, full], [1 / 120, 1 / 60]))
+    >>> image = bm.read("throw.png", bm.read_transfer("mycam.json"))
     """
     curve: Transfer = read_json(path, _TRANSFER, _TRANSFER_HINT, "transfer curve")
     return curve

@@ -77,6 +77,15 @@ class Frames(Sequence[Frame]):
         The clip, if they are frames of one.
     picture_numbers : tuple of int, optional
         Of all pictures of a sequence: the rising numbers in which alone their names differ.
+
+    Examples
+    --------
+    >>> clip = bm.read_frames("clip", bm.SRGB)
+    >>> len(clip), clip.size, clip.frame_numbers
+    (6, (128, 72), [1, 2, 3, 4, 5, 6])
+    >>> late = clip[3:]
+    >>> [round(float(picture.rgb.mean()), 3) for picture in late]
+    [0.186, 0.185, 0.186]
     """
 
     numbers: range
@@ -227,6 +236,13 @@ def read_frames(
         If a clip is truncated; the existing frames are read.
     TransferWarning
         If the curve is not stated: clips are taken as Rec. 709, pictures as sRGB.
+
+    Examples
+    --------
+    >>> clip = bm.read_frames("clip/####.png", bm.SRGB)
+    >>> len(clip), clip.size
+    (6, (128, 72))
+    >>> third = clip[2]
     """
     return _frames(source_paths(source), transfer, max_pixels, read, _decode_pictures)
 
@@ -258,6 +274,12 @@ def read_layers(
     -----
     BlurmatteWarning, TransferWarning
         As in `read_frames`.
+
+    Examples
+    --------
+    >>> _ = bm.write_frames("ball/####.exr", [layer, layer.fade(0.5)])
+    >>> [round(float(one.alpha.max()), 2) for one in bm.read_layers("ball/####.exr")]
+    [0.34, 0.17]
     """
     return _frames(source_paths(source), transfer, max_pixels, read_layer, decode_layers)
 
@@ -310,6 +332,13 @@ def write_frames(
         then, nor if `things` raises.
     TypeError, ValueError
         If there are no frames, they differ in kind or size, or an argument is invalid.
+
+    Examples
+    --------
+    >>> fading = bm.compositing.fade_between(image, plate, count=3)
+    >>> files = bm.write_frames("fading/####.png", fading)
+    >>> [file.name for file in files]
+    ['0001.png', '0002.png', '0003.png']
     """
     target = Path(path)
     rate = 25.0 if rate is None else rate

@@ -84,6 +84,11 @@ def write_changed(
         If the original does not state how its code values encode light.
     BlurmatteWarning
         If it has a gain map, a clip or further pictures, which are not copied.
+
+    Examples
+    --------
+    >>> gone, changed = bm.remove(image, plate, solution.streak)
+    >>> bm.write_changed("gone.png", "throw.png", gone, changed)
     """
     target, source = Path(path), Path(original)
     raster, changed = _original(target, source, picture, changed, max_pixels)

@@ -103,6 +103,15 @@ def read_intrinsics(path: str | Path) -> Intrinsics:
     ------
     FileError
         If the file cannot be read or holds no calibrated camera.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> text = '{"fx": 4700, "fy": 4700, "cx": 3000, "cy": 2000, "size": [6000, 4000]}'
+    >>> _ = Path("lens.json").write_text(text)
+    >>> lens = bm.read_intrinsics("lens.json")
+    >>> lens.size
+    (6000, 4000)
     """
     kind, text = Path(path).suffix.lower(), read_document(path, _HINT)
     if kind == ".xml":

@@ -60,6 +60,11 @@ def read_color_model(path: str | Path) -> ColorModel:
     ------
     FileError
         If the file cannot be read or holds no color model.
+
+    Examples
+    --------
+    >>> print(bm.read_color_model("color.json"))
+    ColorModel(#ffc046, rank 1, ±0.15°)
     """
     hint = "give a file that blurmatte wrote, e.g. with blurmatte color"
     model: ColorModel = read_json(path, MODEL, hint, "color model")

@@ -65,6 +65,12 @@ def read(
     -----
     TransferWarning
         If the file does not state how code values encode light, and they are taken as sRGB.
+
+    Examples
+    --------
+    >>> picture = bm.read("throw.png")
+    >>> print(picture)
+    LinearImage(throw.png, 128x72, up to 0.50, 100.0% valid)
     """
     path = Path(path)
     check_kind(
@@ -110,6 +116,12 @@ def read_layer(
     ------
     FileError
         As in `read`; also if there is no alpha, or the colors of an EXR look straight.
+
+    Examples
+    --------
+    >>> layer = bm.read_layer("layer.exr")
+    >>> layer.box
+    (20, 20, 99, 55)
     """
     check_kind(
         "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
@@ -150,6 +162,14 @@ def read_mask(path: str | Path, max_pixels: int = MAX_PIXELS) -> Bools:
     ------
     FileError
         If the file cannot be read, or its alpha and its black and white state different shapes.
+
+    Examples
+    --------
+    >>> white = np.where(solution.streak, np.uint8(255), np.uint8(0))
+    >>> bm.write("where.png", np.stack([white] * 3, axis=-1))
+    >>> region = bm.read_mask("where.png")
+    >>> bool((region == solution.streak).all())
+    True
     """
     raster = load(Path(path), max_pixels)
     _check_finite(raster.path, raster.colors)

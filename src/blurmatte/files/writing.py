@@ -103,6 +103,11 @@ def write(
         If the extension does not fit, or the file cannot be written.
     TypeError, ValueError
         If the object cannot be written in any format.
+
+    Examples
+    --------
+    >>> bm.write("over.png", layer.over(plate))
+    >>> bm.write("ball.exr", layer)
     """
     target, writers = Path(path), _writers(as_array("thing", thing))
     if (extension := ending_of(target, writers)) is None:

@@ -51,7 +51,17 @@ class Pictures:
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Pictures, streak, colors and sweeps of one solve."""
+    """Pictures, streak, colors and sweeps of one solve.
+
+    Examples
+    --------
+    >>> class Box(bm.matting.Solver):
+    ...     def answer(self, case, out):
+    ...         print(case.image.size, case.streak.box)
+    ...         return bm.Pixelwise().answer(case, out)
+    >>> answer = bm.solve(image, plate, solution.model, Box())
+    (128, 72) (20, 15, 101, 57)
+    """
 
     pictures: Pictures
     found: Streak  #: where image and given plate differ
@@ -157,6 +167,16 @@ class Answer:
         Whether a shape says where the object is, so that its shadow is no part of it.
     separates_shadow : bool
         Whether the solver estimates the shadow itself.
+
+    Examples
+    --------
+    >>> class Nothing(bm.matting.Solver):
+    ...     def answer(self, case, out):
+    ...         maps = bm.matting.PixelMaps.zeros(*case.streak.mask.shape) if out is None else out
+    ...         return bm.matting.Answer(maps, case.model, case.streak, bm.matting.SolutionStats())
+    >>> answer = bm.solve(image, plate, solution.model, Nothing())
+    >>> float(answer.alpha.max())
+    0.0
     """
 
     maps: PixelMaps
@@ -172,7 +192,20 @@ class Answer:
 
 
 class Solver(ABC):
-    """Estimates alpha and light of a case. `solve` takes any subclass."""
+    """Estimates alpha and light of a case. `solve` takes any subclass.
+
+    Examples
+    --------
+    >>> class Half(bm.matting.Solver):
+    ...     def answer(self, case, out):
+    ...         answer = bm.Pixelwise().answer(case, out)
+    ...         answer.maps.alpha[...] /= 2
+    ...         return answer
+    >>> half = bm.solve(image, plate, solution.model, Half())
+    >>> whole = bm.solve(image, plate, solution.model, bm.Pixelwise())
+    >>> print(f"{half.alpha.max() / whole.alpha.max():.2f}")
+    0.50
+    """
 
     needs_sweep: ClassVar[bool] = False  #: whether sweeps are fitted where the colors are known
     takes_gray: ClassVar[bool] = False  #: whether it needs no hues

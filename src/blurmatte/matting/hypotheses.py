@@ -180,6 +180,12 @@ class Swept(Solver):
     seconds : float
         CPU time after which no further shape is fitted; `SolutionStats.untried` names those that were
         not. What is fitted then depends on the machine.
+
+    Examples
+    --------
+    >>> answer = bm.solve(image, plate, solution.model, bm.Swept())
+    >>> print(answer.sweep)
+    Sweep(disc on a line, 59.6 px long, radius 10.01 ± 0.01 px, #ffc046, rank 1)
     """
 
     hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
@@ -198,7 +204,15 @@ class Swept(Solver):
 
 @dataclass(frozen=True)
 class Averaged(Swept):
-    """As `Swept`, averaged with `Smooth` by their evidence; the parameters are the same."""
+    """As `Swept`, averaged with `Smooth` by their evidence; the parameters are the same.
+
+    Examples
+    --------
+    >>> solver = bm.matting.Averaged(seconds=10)
+    >>> answer = bm.solve(image, plate, solution.model, solver)
+    >>> answer.grade
+    <Grade.CONFIRMED: 'confirmed'>
+    """
 
     with_shapeless = True
 

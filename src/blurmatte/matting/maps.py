@@ -21,7 +21,16 @@ MAX_CHI2 = 16.0  # of one degree of freedom: four standard deviations, 1 good pi
 
 
 class Quality(IntFlag):
-    """Quality flags of a pixel; 0 if there are none."""
+    """Quality flags of a pixel; 0 if there are none.
+
+    Examples
+    --------
+    >>> flagged = (solution.quality & bm.matting.Quality.SATURATED) != 0
+    >>> int(flagged.sum())
+    0
+    >>> bm.matting.Quality(24)
+    <Quality.MISFIT|OUTSIDE: 24>
+    """
 
     SATURATED = auto()  #: image or plate is clipped in a channel here, or missing
     PLATE_IN_MODEL = auto()  #: the plate has a color the object could have; alpha is not known
@@ -33,7 +42,15 @@ class Quality(IntFlag):
 
 
 class Grade(StrEnum):
-    """How well alpha is known, by its calibrated error."""
+    """How well alpha is known, by its calibrated error.
+
+    Examples
+    --------
+    >>> solution.grade
+    <Grade.CONFIRMED: 'confirmed'>
+    >>> solution.grade in (bm.Grade.CONFIRMED, bm.Grade.PLAUSIBLE)
+    True
+    """
 
     CONFIRMED = "confirmed"  #: error of alpha at most 0.02, of its scale at most 3 %
     PLAUSIBLE = "plausible"  #: at most 0.05 and 10 %
@@ -45,6 +62,13 @@ class PixelMaps(NamedTuple):
 
     alpha, alpha_std are (H, W) floats, premultiplied and premultiplied_std (H, W, 3) floats, and
     quality (H, W) uint8 with the bits of `Quality`.
+
+    Examples
+    --------
+    >>> maps = bm.matting.PixelMaps.zeros(72, 128)
+    >>> answer = bm.solve(image, plate, solution.model, bm.Pixelwise(), out=maps)
+    >>> answer.alpha is maps.alpha
+    True
     """
 
     alpha: Floats

@@ -62,6 +62,12 @@ class Shaded(Solver):
     ------
     ValueError
         If not exactly one is given, the light is not positive, or `max_alpha_std` is not positive.
+
+    Examples
+    --------
+    >>> answer = bm.solve(image, plate, solution.model, bm.matting.Shaded(light=orange))
+    >>> answer.stats.sum_shadow is not None
+    True
     """
 
     light: tuple[float, float, float] | None = None

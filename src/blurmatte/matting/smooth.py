@@ -114,6 +114,12 @@ class Smooth(Solver):
     ------
     ValueError
         If a number is not positive, or `strength` is beyond its range.
+
+    Examples
+    --------
+    >>> answer = bm.solve(image, plate, solution.model, bm.Smooth())
+    >>> print(answer)
+    Solution(128x72, alpha up to 0.33, typical std 0.0038, 0.0% of the streak's pixels flagged)
     """
 
     strength: float = 1.0

@@ -43,6 +43,16 @@ class Solution(Displayed):
     ------
     TypeError, ValueError
         For arrays of another kind or shape.
+
+    Examples
+    --------
+    >>> print(solution)
+    Solution(128x72, alpha up to 0.34, typical std 0.0016, 0.0% of the streak's pixels flagged)
+    >>> solution.grade
+    <Grade.CONFIRMED: 'confirmed'>
+    >>> total = solution.alpha[solution.streak & solution.known].sum()
+    >>> print(f"{total:.0f} ± {solution.stats.sum_alpha_std:.0f} pixels")
+    314 ± 3 pixels
     """
 
     alpha: Floats

@@ -92,6 +92,16 @@ def solve(
     -----
     PlateWarning
         If image and plate look swapped, or differ in brightness around the streak.
+
+    Examples
+    --------
+    >>> solution = bm.solve(image, plate)
+    >>> print(solution)
+    Solution(128x72, alpha up to 0.34, typical std 0.0016, 0.0% of the streak's pixels flagged)
+    >>> print(bm.explain(solution)[0])
+    confirmed: alpha within 0.0036, its sum within 1 %.
+    >>> sea = bm.LinearImage(np.full((72, 128, 3), [0.2, 0.4, 0.7]))
+    >>> picture = solution.layer.over(sea)
     """
     _check(image, plate, model, solver, streak, out, start)
     given = model, _that_shows_in(plate, solver or Averaged()), streak, start, prior, out

@@ -288,6 +288,16 @@ class SolutionStats:
         Calibrated root mean square error of alpha over the streak.
     untried : tuple of str
         Explanations that were not fitted, because the time was over.
+
+    Examples
+    --------
+    >>> numbers = solution.stats
+    >>> print(f"{numbers.sum_alpha:.0f} ± {numbers.sum_alpha_std:.0f} pixels")
+    314 ± 3 pixels
+    >>> print(f"alpha within {numbers.alpha_error:.3f}")
+    alpha within 0.004
+    >>> numbers.grade_reasons
+    ('shape', 'disagreement')
     """
 
     pixels: _Count | None = None

@@ -134,6 +134,13 @@ class LinearImage(Displayed):
     TypeError, ValueError
         For arrays of another dtype or shape, NaN and infinite values, light beyond a million times
         white, negative variances.
+
+    Examples
+    --------
+    >>> light = np.full((4, 6, 3), 0.5)
+    >>> gray = bm.LinearImage(light, bm.NoiseModel(gain=1e-5, read_std=4e-4))
+    >>> gray.size, f"{gray.variance.max():.2e}"
+    ((6, 4), '5.16e-06')
     """
 
     rgb: Floats
@@ -360,6 +367,12 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     ------
     TypeError, ValueError
         If the codes are no such array, or the transfer is no Transfer.
+
+    Examples
+    --------
+    >>> codes = np.array([[[255, 128, 0]]], np.uint8)
+    >>> bm.decode(codes, bm.SRGB).rgb.round(3)
+    array([[[1.   , 0.216, 0.   ]]], dtype=float32)
     """
     check_kind(
         "transfer",

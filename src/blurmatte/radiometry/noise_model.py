@@ -23,7 +23,17 @@ PerChannel = tuple[float, float, float]
 
 
 class Noise(ABC):
-    """The variance of independent noise at each light; pictures take any subclass."""
+    """The variance of independent noise at each light; pictures take any subclass.
+
+    Examples
+    --------
+    >>> class Constant(bm.radiometry.Noise):
+    ...     def variance(self, light):
+    ...         return np.full_like(light, 1e-6)
+    ...     def times(self, factor):
+    ...         return bm.NoiseModel(read_std=1e-3 * factor**0.5)
+    >>> noisy = image.with_noise(Constant())
+    """
 
     @abstractmethod
     def variance(self, light: Floats) -> Floats:
@@ -51,6 +61,14 @@ class NoiseModel(Noise):
     ------
     ValueError
         If a number is negative, NaN, or above a million.
+
+    Examples
+    --------
+    >>> noise = bm.NoiseModel(gain=1e-5, read_std=4e-4)
+    >>> print(noise)
+    NoiseModel(std 0.0015 at light 0.2)
+    >>> np.sqrt(noise.variance(np.array([0.0, 0.2, 1.0]))).round(5)
+    array([0.0004 , 0.00147, 0.00319])
     """
 
     # All fields have defaults: a mapping with other keys is another kind of noise.

@@ -52,6 +52,14 @@ class Transfer:
         As in `--transfer` and in reports.
     decode, encode : callable
         Arrays of code values (0…1) to linear light, and back; any shape.
+
+    Examples
+    --------
+    >>> bm.SRGB
+    Transfer(srgb)
+    >>> [round(float(curve.decode(0.5)), 3) for curve in (bm.SRGB, bm.radiometry.REC709, bm.LINEAR)]
+    [0.214, 0.26, 0.5]
+    >>> square = bm.radiometry.Transfer("square", np.square, np.sqrt)
     """
 
     name: str
@@ -228,6 +236,11 @@ def gamma(exponent: float) -> Transfer:
     ------
     ValueError
         Unless 0.1 <= exponent <= 10.
+
+    Examples
+    --------
+    >>> print(f"{bm.radiometry.gamma(2.2).decode(0.5):.3f}")
+    0.218
     """
     if not 0.1 <= exponent <= 10:
         raise ValueError(f"gamma must lie between 0.1 and 10, got {exponent}")
@@ -273,6 +286,11 @@ def named_transfer(name: str) -> Transfer:
         For any other name.
     BlurmatteError
         If OpenColorIO is needed and not installed.
+
+    Examples
+    --------
+    >>> bm.radiometry.named_transfer("gamma1.8")
+    Transfer(gamma1.8)
     """
     check_kind("name", name, str, 'such as "srgb"')
     known = {curve.name: curve for curve in (SRGB, REC709, LINEAR, HLG, PQ)}
@@ -296,6 +314,12 @@ def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
     -------
     tuple of Transfer and float
         The curve, and the largest difference of light, as a fraction of full scale.
+
+    Examples
+    --------
+    >>> curve, difference = bm.radiometry.nearest_transfer(bm.radiometry.gamma(2.21))
+    >>> print(f"{curve.name}, to {difference:.3f}")
+    gamma2.2, to 0.002
     """
     check_kind("curve", curve, Transfer, "use blurmatte.radiometry.named_transfer(name)")
     powers = (gamma(tenths / 10) for tenths in range(11, 31))

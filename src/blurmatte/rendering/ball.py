@@ -100,6 +100,12 @@ class Ball:
     ------
     TypeError, ValueError
         For a number outside its range, no lamps, or both a second color and a texture.
+
+    Examples
+    --------
+    >>> striped = bm.rendering.Ball(16, orange, second_color=np.array([0.1, 0.2, 0.7]), band=0.4)
+    >>> scene = bm.rendering.Scene(wall, bm.Trajectory.line((40, 36), (88, 36)), striped)
+    >>> picture = bm.rendering.render(scene, 40).image
     """
 
     perspective: ClassVar[bool] = True  # a pinhole camera can render it, see `Scene.pinhole`

@@ -64,6 +64,11 @@ class Camera:
     ------
     TypeError, ValueError
         For a number outside its range, or an impossible file format, such as a JPEG of 16 bits.
+
+    Examples
+    --------
+    >>> phone = bm.rendering.Camera(code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
+    >>> picture = phone.photograph(truth.image.rgb, rng=0)
     """
 
     noise: NoiseModel = _NO_NOISE

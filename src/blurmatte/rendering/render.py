@@ -54,6 +54,12 @@ class Rendering:
     nearby : (H, W, 3) float
         Fraction of the plate's light that `Scene.nearby` removes (positive) or adds (negative) while
         the body is not in front of it; 0 without `Scene.nearby`.
+
+    Examples
+    --------
+    >>> difference = truth.layer.over(truth.plate).rgb - truth.image.rgb
+    >>> print(f"{np.abs(difference).max():.5f}")
+    0.00000
     """
 
     image: LinearImage
@@ -100,6 +106,13 @@ def render(scene: Scene, substeps: int | None = None) -> Rendering:
     ------
     ValueError
         If `substeps` < 1.
+
+    Examples
+    --------
+    >>> truth = bm.rendering.render(scene, 100)
+    >>> picture = truth.image
+    >>> print(f"{truth.layer.alpha.sum():.0f} pixels, π r² is {np.pi * 10**2:.0f}")
+    314 pixels, π r² is 314
     """
     check_scene("scene", scene)
     if substeps is None:

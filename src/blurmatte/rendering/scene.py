@@ -156,6 +156,14 @@ class Scene:
         If the plate is not finite linear light, the trajectory is not a Trajectory, a number is
         outside its range, the occluder is semitransparent or of another size, or the scene of a pinhole
         camera is anything but a ball without squash that stays in front of the camera.
+
+    Examples
+    --------
+    >>> over = bm.Trajectory.arc((20, 50), (64, 15), (108, 50))
+    >>> scene = bm.rendering.Scene(wall, over, bm.rendering.Ball(8, orange))
+    >>> scene.size
+    (128, 72)
+    >>> picture = bm.rendering.render(scene, 100).image
     """
 
     plate: Floats

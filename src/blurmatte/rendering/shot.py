@@ -96,6 +96,11 @@ class Shot:
     ------
     ValueError
         If `plate_frames` < 1 or `crf` is outside its range.
+
+    Examples
+    --------
+    >>> shot = bm.rendering.Shot(scene, camera, plate_frames=3, seed=7)
+    >>> picture, plate = shot.photograph(truth)
     """
 
     scene: Scene

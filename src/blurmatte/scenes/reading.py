@@ -64,7 +64,13 @@ _TABLES = (
 
 
 def scene_names() -> list[str]:
-    """Names of the built-in scenes, for `read_shots`."""
+    """Names of the built-in scenes, for `read_shots`.
+
+    Examples
+    --------
+    >>> bm.scenes.scene_names()[:3]
+    ['approaching', 'astronaut', 'bounce']
+    """
     return sorted(path.stem for path in _NAMED.glob("*.toml"))
 
 
@@ -75,6 +81,11 @@ def scene_title(scene: str | Path) -> str:
     ------
     FileError
         If the file does not exist or is not TOML.
+
+    Examples
+    --------
+    >>> bm.scenes.scene_title("easy")
+    'An orange ball, colorful tiles, five frames of the plate: the easy case'
     """
     try:
         return str(parse_toml(scene_text(scene)).get("title", ""))
@@ -89,6 +100,11 @@ def scene_text(scene: str | Path) -> str:
     ------
     FileError
         If the file does not exist.
+
+    Examples
+    --------
+    >>> print(bm.scenes.scene_text("easy").splitlines()[0])
+    title = "An orange ball, colorful tiles, five frames of the plate: the easy case"
     """
     named = _NAMED / f"{scene}.toml"
     path = named if str(scene) in scene_names() else Path(scene)
@@ -130,6 +146,12 @@ def read_shots(scene: str | Path, max_pixels: int = MAX_RENDERED_PIXELS) -> list
     ------
     FileError
         If the file does not exist or is wrong; the message names the table and key.
+
+    Examples
+    --------
+    >>> shot, *others = bm.scenes.read_shots("easy")
+    >>> shot.scene.size
+    (512, 384)
     """
     text = scene_text(scene)
     try:

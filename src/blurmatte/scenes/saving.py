@@ -59,6 +59,12 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
     ------
     FileError
         If the folder cannot be created or written to.
+
+    Examples
+    --------
+    >>> files = bm.scenes.save_shot("again/throw", bm.rendering.Shot(scene, camera))
+    >>> [file.name for file in files[:3]]
+    ['image.png', 'plate.png', 'overview.png']
     """
     check_kind("shot", shot, Shot, "use blurmatte.scenes.read_shots(scene)[0]")
     rendering = render(shot.scene)

@@ -79,6 +79,11 @@ def find_scenes(folder: str | Path) -> list[Path]:
     ------
     FileError
         If there is no scene.
+
+    Examples
+    --------
+    >>> [folder.name for folder in bm.scenes.find_scenes("scenes")]
+    ['throw']
     """
     place = Path(folder)
     if (place / "truth").is_dir():
@@ -99,6 +104,12 @@ def read_truth(folder: str | Path) -> Truth:
     ------
     FileError
         If the folder holds no scene.
+
+    Examples
+    --------
+    >>> truth = bm.scenes.read_truth("scenes/throw")
+    >>> print(f"{truth.layer.alpha.sum():.0f} pixels")
+    314 pixels
     """
     truth = Path(folder) / "truth"
     trajectory, radius = read_path(truth / "path.json")
@@ -124,6 +135,12 @@ def read_answer(path: str | Path) -> ProgramAnswer:
     ------
     FileError
         If there is no answer or it cannot be read.
+
+    Examples
+    --------
+    >>> answer = bm.scenes.read_answer("layer.exr")
+    >>> answer.layer.box
+    (20, 20, 99, 55)
     """
     place = Path(path)
     if not place.is_dir():
@@ -176,6 +193,13 @@ class Score:
         Spread of (alpha − truth) / alpha_std over the streak; 1 is calibrated.
     trajectory_iou, subframe_psnr, subframe_ssim : float or None
         As defined by the benchmark of fast-moving objects.
+
+    Examples
+    --------
+    >>> truth = bm.scenes.read_truth("scenes/throw")
+    >>> found = bm.scenes.score(bm.scenes.read_answer("layer.exr"), truth)
+    >>> print(f"alpha RMSE {found.alpha_rmse:.4f}, sum off by {found.alpha_sum_bias:.2%}")
+    alpha RMSE 0.0008, sum off by 0.06%
     """
 
     answered: bool
@@ -211,6 +235,13 @@ def score(answer: ProgramAnswer | None, truth: Truth) -> Score:
     ------
     ValueError
         If sizes or numbers of sub-frames differ, or numbers are not finite.
+
+    Examples
+    --------
+    >>> truth = bm.scenes.read_truth("scenes/throw")
+    >>> found = bm.scenes.score(bm.scenes.read_answer("layer.exr"), truth)
+    >>> print(f"{found.alpha_rmse:.4f}")
+    0.0008
     """
     check_kind("answer", answer, ProgramAnswer | None, "use blurmatte.scenes.read_answer(file)")
     check_kind("truth", truth, Truth, "use blurmatte.scenes.read_truth(folder)")
@@ -250,6 +281,15 @@ def mean_score(scores: Sequence[Score]) -> Score:
     ------
     ValueError
         If there are no scores.
+
+    Examples
+    --------
+    >>> truth = bm.scenes.read_truth("scenes/throw")
+    >>> found = bm.scenes.score(bm.scenes.read_answer("layer.exr"), truth)
+    >>> missed = bm.scenes.score(None, truth)
+    >>> mean = bm.scenes.mean_score([found, missed])
+    >>> mean.alpha_rmse > found.alpha_rmse
+    True
     """
     if not scores:
         raise ValueError("there is nothing to take the mean of")
@@ -264,6 +304,14 @@ def score_table(scores: Mapping[str, Score]) -> str:
 
     A dash stands for a metric that is None. A standard error is the standard deviation of the metric
     over the scenes, divided by the square root of their number.
+
+    Examples
+    --------
+    >>> truth = bm.scenes.read_truth("scenes/throw")
+    >>> found = bm.scenes.score(bm.scenes.read_answer("layer.exr"), truth)
+    >>> table = bm.scenes.score_table({"throw": found})
+    >>> print(table.splitlines()[1][:20])
+    throw       yes   0.
     """
     rows = [["scene", *_HEADINGS]]
     rows += [[name, *_cells(s)] for name, s in scores.items()]

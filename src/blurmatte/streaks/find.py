@@ -54,6 +54,12 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
         If the sizes differ.
     PlateError
         If the pictures are too small or have no unclipped pixel in common.
+
+    Examples
+    --------
+    >>> streaks = bm.find_streaks(image, plate)
+    >>> len(streaks), streaks[0].box
+    (1, (20, 15, 101, 57))
     """
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
@@ -139,6 +145,12 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
     ------
     ValueError, PlateError
         As `find_streaks`.
+
+    Examples
+    --------
+    >>> region = bm.streaks.Streak.from_box((10, 10, 110, 66), image.size)
+    >>> bm.streaks.find_streak_within(region, image, plate).box
+    (20, 15, 101, 57)
     """
     check_kind("region", region, Streak, "use blurmatte.streaks.Streak.from_box(box, size)")
     inside, cell = np.zeros_like(region.mask), 1

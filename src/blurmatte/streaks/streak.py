@@ -75,6 +75,12 @@ class Streak:
     ------
     ValueError
         If the mask is empty.
+
+    Examples
+    --------
+    >>> streak = bm.streaks.Streak.from_box((20, 15, 105, 60), image.size)
+    >>> int(streak.mask.sum())
+    3825
     """
 
     mask: Bools

@@ -55,6 +55,11 @@ def fit_color(
         has too little color for a small streak. The message names a remedy.
     MotionError
         If no streak was given and nothing moved.
+
+    Examples
+    --------
+    >>> print(bm.fit_color(image, plate, streak))
+    ColorModel(#ffc046, rank 1, ±0.036°)
     """
     if not isinstance(image, LinearImage):
         if streak is not None:

@@ -109,6 +109,17 @@ class Sweep:
     curve_covariance : (n + m, n + m) float, optional
         Of the same parameters by a transfer curve that was assumed; None if it is stated, or is part
         of `covariance`.
+
+    Examples
+    --------
+    >>> print(sweep)
+    Sweep(disc on a line, 59.6 px long, radius 9.99 ± 0.02 px, #ffc046, rank 1)
+    >>> sweep.trajectory.at(0.5).round(1)
+    array([58.9, 37. ])
+    >>> print(f"{sweep.radius:.2f} ± {sweep.radius_std:.2f} pixels")
+    9.99 ± 0.02 pixels
+    >>> sweep.alpha.shape
+    (72, 128)
     """
 
     family: PathFamily

@@ -40,6 +40,12 @@ class TransferFit:
         The curve that the pictures were decoded with, then the others.
     left : sequence of float
         Variance inflation of the residuals of the best disc of one color with each; 1 is noise.
+
+    Examples
+    --------
+    >>> fit = bm.sweep.TransferFit((bm.SRGB, bm.LINEAR), (1.1, 25.0))
+    >>> fit.best, len(fit.possible)
+    (Transfer(srgb), 1)
     """
 
     curves: Sequence[Transfer]
@@ -89,6 +95,12 @@ def fit_transfer(
         If the pictures hold light that was never encoded, or were decoded with different curves.
     MotionError
         If nothing moved.
+
+    Examples
+    --------
+    >>> fit = bm.sweep.fit_transfer(image, plate, streak, curves=(bm.SRGB, bm.LINEAR))
+    >>> fit.best
+    Transfer(srgb)
     """
     check_picture("image", image)
     check_picture("plate", plate)

@@ -69,6 +69,13 @@ def fit_balls(
     ------
     ValueError
         If radius is not above 0, its error is negative, or the intrinsics are of another picture size.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> balls = list(bm.motion.fit_balls(frames, plate, rows, solution.model, lens, radius=0.02))
+    >>> print(balls[3])
+    BallMotion(0.3373 ± 0.00031 m away, 0.03107 ± 0.00015 m on a parabola)
     """
     check_picture("plate", plate)
     check_rows(rows)

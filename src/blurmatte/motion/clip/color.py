@@ -83,6 +83,11 @@ def clip_color(
     ------
     ColorModelError
         If no frame determines it, or the pictures are gray.
+
+    Examples
+    --------
+    >>> print(bm.motion.clip_color(frames, plate))
+    ColorModel(#ffc046, rank 1, ±0.022°)
     """
     if len(frames):
         check_not_gray(frames[0], plate)

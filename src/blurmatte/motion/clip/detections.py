@@ -37,6 +37,14 @@ class Sighting:
     place_scatter, path_scatter, radius_scatter : float
         Factors of the errors of position, of length and direction, and of the radius: the object's
         frames scatter more than their own errors.
+
+    Examples
+    --------
+    >>> seen = rows[2].sighting
+    >>> seen.motion.center.round(1), seen.color
+    (array([51. , 22.9]), '#ffc046')
+    >>> seen.is_whole, seen.is_sound
+    (True, True)
     """
 
     measured: Motion
@@ -133,6 +141,12 @@ class FrameSightings:
         Why there is none, or why streaks were rejected; "" otherwise.
     unmeasured : int
         Number of streaks that are fainter than one that a disc explains, and were not measured.
+
+    Examples
+    --------
+    >>> frame = found[2]
+    >>> frame.frame, len(frame.found)
+    (2, 1)
     """
 
     frame: int
@@ -166,6 +180,12 @@ class FrameMotion:
         Why there is no detection; "" if there is one.
     object : int or None
         Number of the object, from 1.
+
+    Examples
+    --------
+    >>> row = rows[0]
+    >>> row.frame, row.time, row.sighting.motion.center.round(1)
+    (0, 0.0, array([16.3, 44.6]))
     """
 
     frame: int

@@ -47,6 +47,12 @@ def link_sightings(frames: Iterable[FrameSightings]) -> Rows[FrameMotion]:
         One for each frame, including those without the object. A detection whose position or radius
         is an outlier among the frames around it gets a doubt. If all scatter by more than their
         errors, the errors are multiplied accordingly.
+
+    Examples
+    --------
+    >>> rows = bm.motion.link_sightings(found)
+    >>> rows[1].directed
+    True
     """
     all_frames = _without_artifacts(frames)
     chosen = _chosen(tracks_of(all_frames))
@@ -85,6 +91,12 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[Frame
     ------
     ValueError
         If least is not at least 1.
+
+    Examples
+    --------
+    >>> rows = bm.motion.link_objects(found)
+    >>> [row.object for row in rows]
+    [1, 1, 1, 1, 1, 1]
     """
     if least < 1:
         raise ValueError(f"least must be at least 1, got {least}")
@@ -114,6 +126,12 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
     -------
     Scatter or None
         None for fewer than eight frames that a disc explains and that others predict.
+
+    Examples
+    --------
+    >>> scatter = bm.motion.frame_scatter(rows)
+    >>> print(scatter)
+    None
     """
     check_rows(rows)
     return scatter_of([row for row in rows if row.sighting is not None])

@@ -99,6 +99,12 @@ def sightings(
     ------
     ValueError
         If a frame and the plate differ in size, or rate or workers are not positive.
+
+    Examples
+    --------
+    >>> found = list(bm.motion.sightings(frames[:3], plate, solution.model))
+    >>> [frame.found[0].motion.center.round(1).tolist() for frame in found]
+    [[16.3, 44.6], [33.7, 32.5], [51.0, 22.9]]
     """
     scene = scene_of(frames, plate, model, rate=rate)
     with shared(workers) as processes:

@@ -27,6 +27,12 @@ class Scatter:
         Number of frames that were compared: those that a disc explains, without doubts.
     unsteady : float
         Relative standard deviation of the radius of a single frame.
+
+    Examples
+    --------
+    >>> scatter = bm.motion.Scatter(place=1.2, radius=2.0, count=30, unsteady=False)
+    >>> scatter.too_large
+    True
     """
 
     place: float

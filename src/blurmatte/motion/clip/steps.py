@@ -324,6 +324,13 @@ def measure_clip(
         If no color was given and no frame determines it.
     ValueError
         As in `sightings`.
+
+    Examples
+    --------
+    >>> rows = bm.measure_clip(frames, plate, solution.model, rate=50)
+    >>> rows[2].sighting.motion.center.round(1)
+    array([51. , 22.9])
+    >>> bm.write("rally.csv", [row.numbers() for row in rows])
     """
     clip = ClipInputs(_sited(frames, plate), plate, model, several, rate=rate)
     with shared(workers) as processes:
@@ -375,6 +382,12 @@ def solve_clip(
     ------
     PlateError, ColorModelError, ValueError
         As `measure_clip`; ValueError also for a solver with a plate in shadow.
+
+    Examples
+    --------
+    >>> solutions = dict(bm.solve_clip(frames[:2], plate, solution.model))
+    >>> solutions[1].grade
+    <Grade.CONFIRMED: 'confirmed'>
     """
     check_clip_solver(solver)
     clip = ClipInputs(_sited(frames, plate), plate, model, several, occluder, any_color=True)

@@ -68,6 +68,11 @@ class Workers:
     ------
     ValueError
         If the count is less than 1.
+
+    Examples
+    --------
+    >>> with bm.motion.Workers(1) as workers:
+    ...     rows = bm.measure_clip(frames[:3], plate, solution.model, workers=workers)
     """
 
     def __init__(

@@ -63,6 +63,14 @@ class Scale:
     ------
     ValueError
         Unless it is positive and its error is not negative.
+
+    Examples
+    --------
+    >>> scale = bm.Scale.from_radius(motion, 0.02)
+    >>> print(f"{1000 * scale.meters_per_pixel:.2f} mm a pixel")
+    2.00 mm a pixel
+    >>> print(motion.speed(scale, exposure_time=1 / 60).in_unit("km/h"))
+    Speed(25.78 ± 0.11 km/h)
     """
 
     meters_per_pixel: float
@@ -144,6 +152,15 @@ class Speed:
     readout : "down", "up", "left" or "right"
         Where the next row of the sensor lies in the picture. A motion in this direction seems faster
         than it is.
+
+    Examples
+    --------
+    >>> speed = motion.speed(exposure_time=1 / 60)
+    >>> print(speed)
+    Speed(3579 ± 12 px/s)
+    >>> scale = bm.Scale.from_radius(motion, 0.02)
+    >>> print(motion.speed(scale, exposure_time=1 / 60).in_unit("km/h"))
+    Speed(25.78 ± 0.11 km/h)
     """
 
     mean: float
@@ -242,6 +259,15 @@ class Motion(Displayed):
         True if its direction of time is opposite to that of the sweep.
     readout : "down", "up", "left" or "right"
         Where the next row of the sensor lies in the picture, from the metadata of the image.
+
+    Examples
+    --------
+    >>> motion.center.round(1)
+    array([58.9, 37. ])
+    >>> print(f"{motion.radius:.2f} ± {motion.radius_std:.2f} pixels")
+    9.99 ± 0.02 pixels
+    >>> print(f"{np.degrees(motion.angle):.1f}° ± {np.degrees(motion.angle_std):.1f}°")
+    -13.6° ± 0.1°
     """
 
     trajectory: Trajectory

@@ -43,6 +43,12 @@ class EndSilhouettes:
         Its standard deviation; infinite where alpha is not known.
     scale : float
         Standard deviation of the Gaussian over which alpha was averaged, pixels; it softens edges.
+
+    Examples
+    --------
+    >>> ends = bm.motion.end_silhouettes(solution, motion)
+    >>> ends.first.shape, ends.last.shape
+    ((72, 128), (72, 128))
     """
 
     change: Array
@@ -82,6 +88,12 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
     ------
     MotionError
         If it did not move by more than the error of its length.
+
+    Examples
+    --------
+    >>> ends = bm.motion.end_silhouettes(solution, motion)
+    >>> print(f"{ends.first.clip(0, 1).sum():.0f} pixels, π r² is {np.pi * 10**2:.0f}")
+    318 pixels, π r² is 314
     """
     check_solution("solution", solution)
     check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")

@@ -73,6 +73,13 @@ def measure_ball(
         For something else, or a number out of its range.
     MotionError
         If the sweep does not explain the streak, or lies where the distortion has no inverse.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> ball = bm.motion.measure_ball(sweep, lens, radius=0.02, radius_std=0.0005)
+    >>> print(f"{ball.length:.3f} ± {ball.length_std:.3f} m; mostly from the {ball.dominant}")
+    0.122 ± 0.003 m; mostly from the radius
     """
     check_intrinsics("intrinsics", intrinsics)
     if not isinstance(sweep, Sweep):
@@ -124,6 +131,13 @@ def fit_ball(
         As `fit_sweep`.
     MotionError
         If nothing moved, or no such ball explains the streak.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> ball = bm.motion.fit_ball(image, plate, lens, radius=0.02, exposure_time=1 / 60)
+    >>> print(f"{ball.speed:.2f} ± {ball.speed_std:.2f} m/s")
+    7.12 ± 0.01 m/s
     """
     check_picture("image", image)
     check_intrinsics("intrinsics", intrinsics)

@@ -51,6 +51,13 @@ class BallMotion:
         the "radius" of the ball, the "camera", and the "exposure time".
     exposure_time, exposure_std : float or None, float
         Seconds.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> ball = bm.motion.measure_ball(sweep, lens, radius=0.02, exposure_time=1 / 60)
+    >>> print(f"{ball.speed:.2f} ± {ball.speed_std:.2f} m/s, {ball.depth:.3f} m away")
+    7.32 ± 0.03 m/s, 0.200 m away
     """
 
     positions: Array

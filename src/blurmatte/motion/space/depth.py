@@ -47,6 +47,13 @@ class BlurDepth:
     parts : mapping of str to float
         Relative errors of the mean depth that each source alone causes: the "picture", the
         "speed", the "exposure time", the "camera".
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> far = bm.motion.depth_from_blur(sweep, lens, speed=2.0, exposure_time=1 / 60, speed_std=0.1)
+    >>> print(f"{far.depth:.3f} ± {far.depth_std:.3f} m")
+    0.056 ± 0.003 m
     """
 
     start: float
@@ -114,6 +121,16 @@ def depth_from_blur(
         For another path, or a number out of its range.
     MotionError
         If nothing moved in the picture, or the direction cannot be that of this streak.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> far = bm.motion.depth_from_blur(sweep, lens, speed=2.0, exposure_time=1 / 60, speed_std=0.1)
+    >>> for sentence in bm.explain(far):
+    ...     print(sentence)
+    It was 0.0556 ± 0.0028 m away along the optical axis.
+    This assumes a motion parallel to the picture; otherwise it was mostly nearer.
+    The error of the distance comes mostly from the speed that was given (5.0% alone).
     """
     check_with_std("speed", speed, speed_std)
     check_positive("exposure_time", exposure_time)

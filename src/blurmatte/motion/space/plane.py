@@ -49,6 +49,13 @@ class Plane:
     ------
     ValueError
         If the homography has no inverse, or the camera lies within the plane.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> wall_behind = bm.motion.Plane.from_pose(lens, np.eye(3), (0, 0, 2.0))
+    >>> wall_behind.locate(np.array([[100.0, 36.0]])).round(2)
+    array([[0.73, 0.01]])
     """
 
     homography: Array
@@ -186,6 +193,14 @@ class PlaneMotion:
         "height"; and for the speed the "exposure time".
     exposure_time, exposure_std : float or None, float
         Seconds.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> wall_behind = bm.motion.Plane.from_pose(lens, np.eye(3), (0, 0, 2.0))
+    >>> moved = bm.motion.measure_on_plane(sweep, wall_behind, exposure_time=1 / 60)
+    >>> print(f"{moved.speed:.1f} ± {moved.speed_std:.1f} m/s")
+    71.9 ± 0.2 m/s
     """
 
     start: Array
@@ -274,6 +289,14 @@ def measure_on_plane(
         For another path, or a number out of its range.
     MotionError
         If the path crosses the horizon of the plane, or is a point.
+
+    Examples
+    --------
+    >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
+    >>> wall_behind = bm.motion.Plane.from_pose(lens, np.eye(3), (0, 0, 2.0))
+    >>> moved = bm.motion.measure_on_plane(sweep, wall_behind)
+    >>> print(f"{100 * moved.length:.1f} ± {100 * moved.length_std:.1f} cm")
+    119.8 ± 0.4 cm
     """
     check_kind("plane", plane, Plane, "use blurmatte.motion.Plane.from_points(pixels, meters)")
     check_exposure(exposure_time, exposure_std)

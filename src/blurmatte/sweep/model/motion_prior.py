@@ -26,6 +26,13 @@ class PathPrior:
         Its beginning, middle in time and end, pixels of the picture.
     covariance : (6, 6) float
         Of x and y of the three.
+
+    Examples
+    --------
+    >>> points = np.array([path.at(t) for t in (0, 0.5, 1)])
+    >>> known = bm.sweep.PathPrior(points, 0.25 * np.eye(6))
+    >>> known.shifted((5, 0)).points[0]
+    array([35., 44.])
     """
 
     points: Array
@@ -65,6 +72,13 @@ class MotionPrior:
     ------
     ValueError
         If a number is not above 0.
+
+    Examples
+    --------
+    >>> prior = bm.sweep.MotionPrior(radius=10.0, radius_std=0.1, is_disc=True)
+    >>> answer = bm.solve(image, plate, solution.model, bm.Swept(), prior=prior)
+    >>> print(answer.sweep)
+    Sweep(disc on a line, 59.6 px long, radius 10.01 ± 0.01 px, #ffc046, rank 1)
     """
 
     radius: float
