@@ -37,6 +37,12 @@ def to_table(rows: Sequence[TableRow | Mapping[str, Any]]) -> Any:
         If pandas is not installed.
     TypeError, ValueError
         If a row is something else, or rows differ in names.
+
+    Examples
+    --------
+    >>> table = bm.results.to_table(rows)  # doctest: +SKIP
+    >>> table.attrs["units"]["x"]  # doctest: +SKIP
+    'px'
     """
     pandas = _package("pandas", "to_table makes a table of pandas")
     units: dict[str, str] = {}
@@ -73,6 +79,12 @@ def to_xarray(thing: LinearImage | Layer | Solution) -> Any:
         If xarray is not installed.
     TypeError
         For any other type.
+
+    Examples
+    --------
+    >>> labeled = bm.results.to_xarray(solution)  # doctest: +SKIP
+    >>> labeled["alpha"].dims  # doctest: +SKIP
+    ('y', 'x')
     """
     match thing:
         case LinearImage():

@@ -37,6 +37,11 @@ def archive_scenes() -> dict[str, str]:
 
     All built-in scenes of one picture without photographs, and then the first of them again, with
     another plate and other noise, up to forty in all.
+
+    Examples
+    --------
+    >>> len(bm.scenes.archive_scenes())
+    40
     """
     texts = {name: scene_text(name) for name in scene_names()}
     once = {
@@ -67,6 +72,11 @@ def save_archive(path: str | Path, scenes: Mapping[str, str] | None = None) -> I
     ------
     FileError
         If a scene is wrong, or the archive cannot be written.
+
+    Examples
+    --------
+    >>> for name in bm.scenes.save_archive("scenes.zip"):  # doctest: +SKIP
+    ...     print("rendered", name)
     """
     texts = archive_scenes() if scenes is None else scenes
     with (
