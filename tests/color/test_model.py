@@ -186,8 +186,9 @@ def test_rejects_samples_that_do_not_determine_a_model():
         ColorModel.from_samples(noise[:2], rank=2)
     with pytest.raises(ColorModelError, match="needs 2 or more color samples, got 1"):
         ColorModel.from_samples(noise[:1])
-    with pytest.raises(ColorModelError, match="no sample may be black"):
-        ColorModel.from_samples(np.zeros((5, 3)), std=0.01)
+    for std in (None, 0.01):
+        with pytest.raises(ColorModelError, match="all 5 samples are black"):
+            ColorModel.from_samples(np.zeros((5, 3)), std=std)
 
 
 @pytest.mark.parametrize("count", [50, 1000])

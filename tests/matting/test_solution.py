@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import Quality, Solution, SolutionStats
+from blurmatte.matting import Grade, Quality, Solution, SolutionStats
 from blurmatte.matting.stats import SweepSummary
 from blurmatte.sweep import Diagnostics
 
@@ -156,3 +156,12 @@ def test_masks_are_read_only():
     for mask in (solution([0.5], [GOOD]).streak, solution([0.5], [GOOD]).known):
         with pytest.raises(ValueError, match="read-only"):
             mask[0] = False
+
+
+def test_grades_are_ordered_by_how_well_alpha_is_known():
+    """exact: not by their letters."""
+    ordered = [Grade.ASSUMED, Grade.PLAUSIBLE, Grade.CONFIRMED]
+    assert sorted(reversed(ordered)) == ordered
+    assert min(ordered) is Grade.ASSUMED
+    assert Grade.CONFIRMED >= Grade.PLAUSIBLE > Grade.ASSUMED <= Grade.ASSUMED
+    assert Grade.CONFIRMED == "confirmed"

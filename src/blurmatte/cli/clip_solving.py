@@ -233,7 +233,6 @@ def _check_grades(report: bm.clips.ClipReport, required: bm.Grade | None) -> Non
     if not grades:
         complain("no frame shows an object that can be separated")
         raise typer.Exit(ExitCode.REFUSED)
-    order = list(bm.Grade)  # the best first
-    if required is not None and max(map(order.index, grades)) > order.index(required):
+    if required is not None and min(grades) < required:
         complain(f"some grades are lower than {required}; all files were written")
         raise typer.Exit(ExitCode.LOW_GRADE)

@@ -161,8 +161,7 @@ def _processes(wanted: int | None, count: int) -> int:
 
 def _is_lower(path: Path, found: str, required: bm.Grade | None) -> bool:
     """True if a solution has a lower grade than required, or none; prints an error then."""
-    grades = list(bm.Grade)  # the best first
-    if required is None or (found and grades.index(bm.Grade(found)) <= grades.index(required)):
+    if required is None or (found and bm.Grade(found) >= required):
         return False
     grade = f"its grade is {found}" if found else "it has no grade"
     complain(f"{path}: {grade}, --require asks for {required}; its files were written")

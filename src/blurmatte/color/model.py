@@ -251,6 +251,8 @@ class ColorModel:
                 f"a model of rank {rank} needs {needed} or more color samples, got {len(samples)}; "
                 "pick more pixels or a larger radius"
             )
+        if not samples.any():
+            raise ColorModelError(f"all {len(samples)} samples are black; pick others")
         if robust:
             samples = _inliers(samples, rank)
         pole = _pole_of(samples, rank)

@@ -120,7 +120,7 @@ def _graded(stats: SolutionStats, by_plate: float, sum_by_plate: float) -> Solut
         alpha_error=error,
         sum_alpha_std=sum_std,
         alpha_scale_std=scale_std,
-        grade=max(grades, key=list(Grade).index),
+        grade=min(grades),
         grade_reasons=("plate", *stats.grade_reasons),
     )
 

@@ -42,19 +42,38 @@ class Quality(IntFlag):
 
 
 class Grade(StrEnum):
-    """How well alpha is known, by its calibrated error.
+    """How well alpha is known, by its calibrated error; a smaller error is a greater grade.
 
     Examples
     --------
     >>> solution.grade
     <Grade.CONFIRMED: 'confirmed'>
-    >>> solution.grade in (bm.Grade.CONFIRMED, bm.Grade.PLAUSIBLE)
+    >>> solution.grade >= bm.Grade.PLAUSIBLE
     True
     """
 
     CONFIRMED = "confirmed"  #: error of alpha at most 0.02, of its scale at most 3 %
     PLAUSIBLE = "plausible"  #: at most 0.05 and 10 %
     ASSUMED = "assumed"  #: more: a color or a shape had to be assumed
+
+    def __lt__(self, other: object) -> bool:
+        """Whether the error is larger; texts are in alphabetic order, which says nothing."""
+        if not isinstance(other, Grade):
+            return NotImplemented
+        order = list(Grade)
+        return order.index(self) > order.index(other)
+
+    def __gt__(self, other: object) -> bool:
+        """Whether the error is smaller."""
+        return other < self if isinstance(other, Grade) else NotImplemented
+
+    def __le__(self, other: object) -> bool:
+        """Whether it is the same or the error is larger."""
+        return not self > other if isinstance(other, Grade) else NotImplemented
+
+    def __ge__(self, other: object) -> bool:
+        """Whether it is the same or the error is smaller."""
+        return not self < other if isinstance(other, Grade) else NotImplemented
 
 
 class PixelMaps(NamedTuple):

@@ -369,7 +369,7 @@ class SolutionStats:
         error, sum_std, scale_std = (None if std is None else factor * std for std in errors)
         grade = self.grade
         if grade is not None and error is not None and sum_std is not None:
-            grade = max(grade, grade_of(error, sum_std / sum_alpha), key=list(Grade).index)
+            grade = min(grade, grade_of(error, sum_std / sum_alpha))
         return replace(
             self, alpha_error=error, sum_alpha_std=sum_std, alpha_scale_std=scale_std, grade=grade
         )
