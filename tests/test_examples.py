@@ -40,7 +40,14 @@ SLOW = {
     "sweep.fit_sweep",
     "sweep.fit_transfer",
 }
-SKIPPED = {"clips.cluster_workers", "deblurring.fit_spin"}  # a server; half a minute
+# A server; half a minute; packages that are no requirement; three minutes
+SKIPPED = {
+    "clips.cluster_workers",
+    "deblurring.fit_spin",
+    "results.to_table",
+    "results.to_xarray",
+    "scenes.save_archive",
+}
 
 
 @pytest.fixture(scope="module")
