@@ -18,6 +18,7 @@ PAGES = {
     "CODE_OF_CONDUCT.md": "generated/project/code_of_conduct.md",
     "RELEASING.md": "generated/project/releasing.md",
     "benchmarks/cycles/README.md": "generated/cycles.md",
+    "integrations/blender/README.md": "generated/blender.md",
 }
 CHILDREN = {"decisions/README": "0*"}  # pages below a page, besides those of docs/index.md
 _LINK = re.compile(r"(?<=\]\()([^)\s#:]+)(?=[)#])")
