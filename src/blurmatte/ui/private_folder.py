@@ -80,7 +80,7 @@ def _is_own(path: Path) -> bool:
 
 
 def _delete(path: Path) -> None:
-    """Delete a folder, its lock last: what is left of it is found again."""
+    """Delete a folder, its lock last, so that an interrupted deletion is completed later."""
     with suppress(OSError):
         for one in path.iterdir():
             if one.is_dir() and not one.is_symlink():
