@@ -236,7 +236,7 @@ def test_the_address_is_in_a_private_file_until_the_page_is_opened(server):
         *("/api/jobs/1/results/../2/a", "/api/jobs/1/results//etc/passwd", "/api/jobs/1/results/"),
         *("/api/jobs/1/results/..", "/api/jobs/1/results/a\0", "/api/look/../state"),
         *("/api/look/describe?job=1&name=../x", "/api/look/describe?file=-1"),
-        "/api/look/tile?job=1&name=a&part=matched&frame=0&level=0&x=0&y=0&beside_job=1&beside_name=../a",
+        "/api/look/tile?job=1&name=a&part=matched&frame=0&level=0&x=0&y=0&basis_job=1&basis_name=../a",
         "/api/look/__init__?file=1",
         *("/api/look/describe", "/api/look/tile?file=1", "/api/look/describe?file=" + "9" * 5000),
     ],

@@ -42,12 +42,12 @@ class _Part:
     path: Path
     name: str
     frame: int = 0
-    beside: Path | None = None
+    basis: Path | None = None
 
     @property
     def key(self) -> tuple[Any, ...]:
         """Of the files as they are now."""
-        other = () if self.beside is None else _identity(self.beside)
+        other = () if self.basis is None else _identity(self.basis)
         return (*_identity(self.path), self.name, self.frame, *other)
 
 
@@ -136,10 +136,10 @@ class Pictures:
         level: int,
         x: int,
         y: int,
-        beside: Path | None = None,
+        basis: Path | None = None,
     ) -> bytes:
         """Half floats, RGBA, of a tile of the picture at a power of two."""
-        tile = self._tile(_Part(path, part, frame, beside), level, x, y)
+        tile = self._tile(_Part(path, part, frame, basis), level, x, y)
         return np.clip(tile, -_MAX_HALF, _MAX_HALF).astype("<f2").tobytes()
 
     def preview(self, path: Path, part: str, frame: int, side: int, stops: float) -> bytes:
@@ -226,7 +226,7 @@ class Pictures:
     def _whole(self, part: _Part) -> tuple[Floats, Floats | Bools]:
         """(H, W, 3) light and (H, W) what goes with it: validity, alpha, or 1 with error and flags."""
         path, name = part.path, part.name
-        if part.beside is not None and name in ("matched", "guessed"):
+        if part.basis is not None and name in ("matched", "guessed"):
             behind = self._kept(part.key, lambda: self._behind(part), _bytes_of)
             return behind.rgb, behind.valid
         if name == "picture":
@@ -247,12 +247,12 @@ class Pictures:
 
     def _behind(self, part: _Part) -> bm.LinearImage:
         """The scene behind the object of a picture, as `edit` takes it."""
-        assert part.beside is not None
+        assert part.basis is not None
         image = bm.read(part.path)
         if part.name == "matched":
-            return bm.match_plate(bm.read(part.beside), image).in_srgb()
-        solution = self._solution(part.beside)
-        streak = self._layer(part.beside).alpha > 0 if solution is None else solution.streak
+            return bm.match_plate(bm.read(part.basis), image).in_srgb()
+        solution = self._solution(part.basis)
+        streak = self._layer(part.basis).alpha > 0 if solution is None else solution.streak
         return guess_behind(image, streak).plates[0].in_srgb()
 
     def _picture(self, path: Path, frame: int) -> bm.LinearImage:

@@ -357,8 +357,8 @@ class Requests:
         kinds = _QUESTIONS[question]
         path = self._source(given)
         values = {name: _value(given.get(name), kind, name) for name, kind in kinds.items()}
-        if question == "tile" and any(f"beside_{name}" in given for name in ("file", "job")):
-            values["beside"] = self._source(given, "beside_")
+        if question == "tile" and any(f"basis_{name}" in given for name in ("file", "job")):
+            values["basis"] = self._source(given, "basis_")
         asking = asyncio.ensure_future(self._session.ask(question, path=path, **values))
         while not asking.done():
             await asyncio.wait([asking], timeout=0.2)

@@ -7,8 +7,8 @@ const KEPT = 160; // tiles of 2 MB
 const AT_ONCE = 6; // requests
 
 /** @typedef {import("./api.js").Source} Source */
-/** `beside`: of what a picture hides, the plate that is matched to it, or the layer behind which the scene is guessed.
- * @typedef {{source: Source, part: string, frame: number, beside?: Source}} Part */
+/** `basis`: of what a picture hides, the plate that is matched to it, or the layer behind which the scene is guessed.
+ * @typedef {{source: Source, part: string, frame: number, basis?: Source}} Part */
 /** @typedef {{texture: WebGLTexture | null, used: number, stop: AbortController | null, failed: boolean}} Held */
 
 /** Pixels of a side at a level. @param {number} side @param {number} level */
@@ -55,7 +55,7 @@ export class Tiles {
    * @param {Part} part @param {number} level @param {number} x @param {number} y
    * @param {number[]} size  of the whole picture at level 0 */
   get(part, level, x, y, size) {
-    const key = `${named(part.source)}|${part.beside ? named(part.beside) : ""}|${part.part}|${part.frame}|${level}|${x}|${y}`;
+    const key = `${named(part.source)}|${part.basis ? named(part.basis) : ""}|${part.part}|${part.frame}|${level}|${x}|${y}`;
     const one = this.held.get(key);
     if (one) {
       one.used = this.turn;
@@ -81,8 +81,8 @@ export class Tiles {
     this.held.set(key, one);
     this.running += 1;
     try {
-      const beside = Object.entries(part.beside ?? {}).map(([name, value]) => [`beside_${name}`, value]);
-      const values = { part: part.part, frame: part.frame, level, x, y, ...Object.fromEntries(beside) };
+      const basis = Object.entries(part.basis ?? {}).map(([name, value]) => [`basis_${name}`, value]);
+      const values = { part: part.part, frame: part.frame, level, x, y, ...Object.fromEntries(basis) };
       const data = await (await look("tile", part.source, values, one.stop?.signal)).arrayBuffer();
       const [width, height] = size.map((side, k) =>
         Math.min(TILE, sideAt(side, level) - TILE * (k ? y : x)));

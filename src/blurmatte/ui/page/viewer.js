@@ -311,9 +311,9 @@ function scene() {
   const own = layer();
   const { picture, plate } = store;
   if (!own || !picture || isClip()) return null;
-  if (plate === "none") return { source: picture, part: "guessed", frame: 0, beside: own };
+  if (plate === "none") return { source: picture, part: "guessed", frame: 0, basis: own };
   const changed = solution()?.stats.match && solution().stats.match.in_words !== AS_IT_IS;
-  return plate && changed ? { source: picture, part: "matched", frame: 0, beside: plate } : null;
+  return plate && changed ? { source: picture, part: "matched", frame: 0, basis: plate } : null;
 }
 
 /** The highest alpha, which is shown white. */
