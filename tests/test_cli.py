@@ -274,7 +274,7 @@ def test_refusal_names_its_streak(here, tmp_path):
     y, x = np.mgrid[:80, :128]
     for x0, y0, radius, part in ((55, 40, 12, 0.7), (106, 12, 6, 0.5)):  # soft: shadows, refused
         distance = np.hypot(x - x0, y - y0)
-        image.rgb[...] *= 1 - (part / (1 + np.exp((distance - radius) / 2)))[..., None]
+        image.rgb[...] *= 1 - (part / (1 + np.exp((distance - radius) / 1.5)))[..., None]
     bm.write(here / "dark.png", image)
     base = ("solve", here / "dark.png", "--plate", here / "plate.png", "--out", tmp_path / "o")
     line = complaint(run(*base))
@@ -282,7 +282,7 @@ def test_refusal_names_its_streak(here, tmp_path):
         r"the streak in (\S+) \(X0,Y0,X1,Y1\); also moved, choose with --region: (\S+)$", line
     )
     boxes = [list(map(int, box.split(","))) for box in found.groups()]
-    assert np.abs(np.subtract(boxes, [[43, 28, 67, 52], [100, 6, 112, 18]])).max() < 12  # soft rims
+    assert np.abs(np.subtract(boxes, [[43, 28, 67, 52], [100, 6, 112, 18]])).max() < 9
     assert "The strongest is the streak" not in complaint(run(*base, "--region", found[2]))
 
 

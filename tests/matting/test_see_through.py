@@ -54,11 +54,20 @@ def test_texture_shows_how_much_light_an_object_hides():
 
 @pytest.mark.battery
 def test_an_even_plate_leaves_the_opacity_in_the_error():
-    alpha, solution = solved(glass(0.4, "plain"))
+    _, solution = solved(glass(0.4, "plain"))
     assert solution.sweep.silhouette.opacity == 1
     assert solution.grade is Grade.ASSUMED
     assert solution.stats.grade_reasons[0] == "opacity"
-    assert error_of(alpha, solution) < 3 * solution.stats.alpha_error
+
+
+@pytest.mark.battery
+@pytest.mark.xfail(
+    strict=True, reason="the error of an opacity that is not seen is that of solid things"
+)
+def test_an_error_before_an_even_plate_covers_the_opacity():
+    """honest: of a scene in which nothing shows the opacity, 0.4."""
+    alpha, solution = solved(glass(0.4, "plain"))
+    assert error_of(alpha, solution) < 2 * solution.stats.alpha_error
 
 
 @pytest.mark.battery
@@ -78,16 +87,23 @@ def test_a_solid_object_stays_solid(kind):
 
 
 @pytest.mark.battery
-def test_errors_are_honest_over_objects_before_texture_that_let_light_through():
-    """honest: error over claim at most 2 in 95 %, no confirmed error above 0.02.
-
-    An even plate does not show the opacity: an object is solid then, and the error of that is for
-    the usual, solid ones.
-    """
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        ("colorful", "textured"),
+        pytest.param(
+            tuple(sorted(PLATES)),
+            marks=pytest.mark.xfail(strict=True, reason="errors before even plates are too small"),
+        ),
+    ],
+    ids=["texture", "every third plate even"],
+)
+def test_errors_are_honest_over_objects_that_let_light_through(kinds):
+    """honest: error over claim at most 2 in 95 %, no confirmed error above 0.02."""
     ratios, z = [], []
     for seed in range(24):
         rng = np.random.default_rng([seed, 4])
-        opacity, kind = rng.uniform(0.15, 0.9), ("colorful", "textured")[seed % 2]
+        opacity, kind = rng.uniform(0.15, 0.9), kinds[seed % len(kinds)]
         scene = glass(opacity, kind, seed, rng.uniform(8, 13), rng.uniform(20, 60))
         alpha, solution = solved(scene, seed=seed)
         error = error_of(alpha, solution)

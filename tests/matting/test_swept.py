@@ -356,8 +356,14 @@ def test_chroma_blurred_rims_are_explained(monkeypatch, known):
 @pytest.mark.battery
 @pytest.mark.parametrize(
     ("known", "least", "most"),
-    [(True, 1.5, 2.0), (False, 0.25, 0.5)],
-    ids=["1.8 times too small if the file is known", "conservative if it is unknown"],
+    [
+        pytest.param(
+            *(True, 1.2, 1.6),
+            marks=pytest.mark.xfail(strict=True, reason="the error is 1.8 times too small"),
+        ),
+        (False, 0.25, 0.5),
+    ],
+    ids=["40 percent too small if the file is known", "conservative if it is unknown"],
 )
 def test_errors_with_chroma_subsampling(known, least, most):
     """honest: of one scene; chroma of a rim is blurred over a few pixels."""
