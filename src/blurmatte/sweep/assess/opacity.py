@@ -132,7 +132,7 @@ def fit_opacity(state: State) -> Opacity:
     observation = state.observation
     chi = state.swept.alpha / state.silhouette.opacity
     inside = (chi > _MIN_COVERED) & observation.valid & (observation.weight > 0)
-    # What is in front of the object is seen as it is, not through it.
+    # The texture of an occluder is in both pictures, as if it were seen through the object.
     inside = inside & ~_occluded(observation, chi, inside)
     around = (observation.weight == observation.weight.max()) & observation.valid
     around &= ~dilated((chi > 0) | observation.streak, BlockStatistics.margin_px)
@@ -147,9 +147,9 @@ def fit_opacity(state: State) -> Opacity:
 
 
 def _occluded(observation: Observation, chi: Array, inside: Bools) -> Bools:
-    """Where, and next to where, a static object is before one that is there a part chi of the time.
+    """(h, w) True where a static object hides the moving one, and within a block's width of there.
 
-    At the rim of the shape it is before it, too, but not seen to be.
+    At the rim of the shape chi (h, w), 0 to 1, is too small to show what hides it: hence the margin.
     """
     if not inside.any():
         return inside

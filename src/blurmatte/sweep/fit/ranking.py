@@ -79,7 +79,7 @@ def rejection(state: State) -> str:
     if self_overlaps(state):
         return "doubles back within its own width"
     alpha = state.swept.alpha
-    hidden = (alpha * (1 - state.observation.shown)).sum()
+    hidden = (alpha * (1 - state.observation.valid_fraction)).sum()
     if hidden >= (1 - _MIN_VISIBLE_FRACTION) * alpha.sum():
         return "lies mostly where the pictures are clipped or hidden"
     return ""

@@ -52,14 +52,17 @@ class Observation(PixelBox):
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
     # The image is the light that an object added, before a black plate: the scale of alpha is arbitrary
     light_alone: bool = False
-    # (h, w) float: fraction of the picture's pixels in each pixel here that are valid, if it was made
-    # coarser; a block is valid if all of its pixels are
-    valid_parts: Array | None = None
+    # (h, w) float, 0 to 1: `valid_fraction` of blocks; None for pixels of the picture
+    block_valid_fraction: Array | None = None
 
     @property
-    def shown(self) -> Array:
-        """(h, w) Fraction of the picture's pixels in each pixel here that are valid."""
-        return self.valid.astype(float) if self.valid_parts is None else self.valid_parts
+    def valid_fraction(self) -> Array:
+        """(h, w) fraction of the picture's pixels in each pixel here that are valid, 0 to 1.
+
+        A block is `valid` if it is 1.
+        """
+        fraction = self.block_valid_fraction
+        return self.valid.astype(float) if fraction is None else fraction
 
     @property
     def pitch(self) -> float:
@@ -165,7 +168,7 @@ class Observation(PixelBox):
             near=means(self.near, by) > 0,
             chroma_error=None if self.chroma_error is None else means(self.chroma_error, by),
             compression=None,
-            valid_parts=means(self.shown, by),
+            block_valid_fraction=means(self.valid_fraction, by),
         )
 
 
