@@ -1,5 +1,7 @@
 """What the examples of the reference begin with: an orange ball, thrown before a colorful wall."""
 
+from pathlib import Path
+
 import numpy as np
 
 import blurmatte as bm
@@ -35,3 +37,6 @@ bm.write("layer.exr", solution)
 bm.write("color.json", solution.model)
 bm.write_frames("clip/####.png", frames)
 bm.scenes.save_shot("scenes/throw", bm.rendering.Shot(scene, camera))
+run = bm.clips.ClipRun(
+    (Path("throw.png"),), bm.read_frames("clip", bm.SRGB)[:2], plate, solution.model
+)

@@ -19,7 +19,6 @@ SLOW = {
     "calibration.ResponseFit",
     "calibration.fit_response",
     "clips.ClipReport",
-    "deblurring.PointSpread",
     "deblurring.fit_psf",
     "figures.draw_clip",
     "figures.draw_noise",

@@ -175,6 +175,12 @@ def recognized(head: bytes, path: str | PathLike[str]) -> Format | None:
     return found or (by_name if unmarked else None)
 
 
+# Tables of tracks for other programs, by the ends of their names; that of Tracker holds one object.
+NAPARI, TRACKMATE, KINOVEA = ".napari.csv", ".trackmate.xml", ".kinovea.txt"
+TRACKER = ".tracker.txt"
+TRACKER_ENDINGS = NAPARI, TRACKMATE, KINOVEA, TRACKER
+
+
 def format_at(path: str | PathLike[str]) -> Format | None:
     """The format of a file; of one that cannot be read, or is not there, that of its name."""
     try:

@@ -241,12 +241,7 @@ class PointSpread:
 
     Examples
     --------
-    >>> y, x = np.mgrid[-3:4, -3:4]
-    >>> disc = (np.hypot(x, y) < 3).astype(float)
-    >>> alpha = np.zeros((16, 24))
-    >>> for column in (8, 10, 12, 14):
-    ...     alpha[5:12, column - 3 : column + 4] += disc / 4
-    >>> psf = bm.deblurring.fit_psf(alpha, np.full(alpha.shape, 0.01), disc)
+    >>> psf = bm.deblurring.PointSpread(np.full((1, 4), 0.25), np.full((1, 4), 0.01), (8, 5))
     >>> print(f"{psf.weight.sum():.2f}, at most {psf.weight.max():.2f} in one place")
     1.00, at most 0.25 in one place
     """

@@ -8,31 +8,14 @@ import zipfile
 import numpy as np
 import pytest
 from tests.commands import complaint, run
+from tests.scenes.texts import BALL
 
 import blurmatte as bm
 from blurmatte.errors import FileError
 
-TEXT = """
-size = [96, 64]
-seed = {seed}
-[plate]
-kind = "colorful"
-tile = 12
-[body]
-kind = "ball"
-radius = 8
-color = "#f2a01c"
-[path]
-kind = "line"
-start = [24, 30]
-end = [66, 38]
-[camera]
-code_std = 0.004
-"""
-
 
 def saved(path):
-    texts = {"ball": TEXT.format(seed=1), "ball_2": TEXT.format(seed=2)}
+    texts = {"ball": BALL, "ball_2": BALL.replace("seed = 1", "seed = 2")}
     assert list(bm.scenes.save_archive(path, texts)) == list(texts)
     return path
 
@@ -71,7 +54,7 @@ def test_the_truth_of_an_archive_scores_as_perfect(unpacked):
     truth = bm.scenes.read_truth(unpacked / "ball")
     found = bm.scenes.score(bm.scenes.ProgramAnswer(truth.layer), truth)
     assert found.alpha_rmse == 0
-    assert truth.plate.size == (96, 64)
+    assert truth.plate.size == (48, 36)
 
 
 def test_forty_scenes_without_photographs_and_clips():

@@ -12,7 +12,7 @@ from typing import Any
 import blurmatte as bm
 from blurmatte.compiling import kernel_folder
 
-_NO_FEATURES = "all", "dev", "docs"  # extras that repeat others, and those of developers
+_ALL, _DEVELOPERS = "all", "dev"  # extras that repeat others, and of developers
 _SUFFIXES = "*.nbi", "*.nbc"  # of numba's files
 
 
@@ -73,7 +73,7 @@ def _required() -> tuple[dict[str, str | None], dict[str, dict[str, str | None]]
         extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
         if extra is None:
             libraries[name] = _version(name)
-        elif extra[1] not in _NO_FEATURES:
+        elif extra[1] not in (_ALL, _DEVELOPERS):
             extras.setdefault(extra[1], {})[name] = _version(name)
     return libraries, extras
 

@@ -27,17 +27,14 @@ from blurmatte.cli.quantities import (
 )
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading
+from blurmatte.formats import TRACKER, TRACKER_ENDINGS, TRACKMATE
 
 if TYPE_CHECKING:
     from blurmatte.motion.clip.summary import KnownQuantities
 
 RUN = "The run"
 
-_TABLES = (
-    *(".csv", ".json", ".parquet"),
-    *(".napari.csv", ".trackmate.xml", ".kinovea.txt", ".tracker.txt"),
-)
-_OF_ONE_OBJECT = ".tracker.txt"
+_TABLES = ".csv", ".json", ".parquet", *TRACKER_ENDINGS
 
 
 @dataclass(frozen=True)
@@ -164,10 +161,8 @@ def track(
 ) -> None:
     """Track the object through CLIP: place, speed and size per frame."""
     check_file(out, "a table", *_TABLES)
-    if followed.several and out is not None and out.name.lower().endswith(_OF_ONE_OBJECT):
-        raise ValueError(
-            f"{out}: holds one object; write .trackmate.xml, or follow without --several"
-        )
+    if followed.several and out is not None and out.name.lower().endswith(TRACKER):
+        raise ValueError(f"{out}: holds one object; write {TRACKMATE}, or follow without --several")
     check_file(overlay, "a sheet", *SHEET)
     from blurmatte.cli.clips import Tracking, check_times, given_color  # imports all of the library
     from blurmatte.motion.clip.steps import ClipInputs

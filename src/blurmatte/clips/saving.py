@@ -177,9 +177,6 @@ class ClipReport:
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> clip = bm.read_frames("clip", bm.SRGB)[:2]
-    >>> run = bm.clips.ClipRun((Path("throw.png"),), clip, plate, solution.model)
     >>> with bm.motion.Workers(1) as workers:
     ...     *_, report = bm.save_clip(run, "layers", workers)
     >>> report.grades
@@ -259,9 +256,6 @@ def save_clip(
 
     Examples
     --------
-    >>> from pathlib import Path
-    >>> clip = bm.read_frames("clip", bm.SRGB)[:2]
-    >>> run = bm.clips.ClipRun((Path("throw.png"),), clip, plate, solution.model)
     >>> with bm.motion.Workers(1) as workers:
     ...     *_, report = bm.save_clip(run, "layers", workers)
     >>> sorted(file.name for file in report.files)

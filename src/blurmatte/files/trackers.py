@@ -16,6 +16,7 @@ from typing import Any
 from xml.sax.saxutils import quoteattr
 
 from blurmatte.files.documents import rows_to_csv
+from blurmatte.formats import KINOVEA, NAPARI, TRACKER, TRACKMATE
 
 Rows = Sequence[Mapping[str, Any]]
 _NEEDED = "frame", "time", "object", "track", "x", "y", "radius"
@@ -26,10 +27,10 @@ def tracker_formats(rows: Rows) -> Mapping[str, Callable[[], str]]:
     if not all(name in rows[0] for name in _NEEDED):
         return {}
     return {
-        ".napari.csv": lambda: _napari(rows),
-        ".trackmate.xml": lambda: _trackmate(rows),
-        ".kinovea.txt": lambda: _kinovea(rows),
-        ".tracker.txt": lambda: _tracker(rows),
+        NAPARI: lambda: _napari(rows),
+        TRACKMATE: lambda: _trackmate(rows),
+        KINOVEA: lambda: _kinovea(rows),
+        TRACKER: lambda: _tracker(rows),
     }
 
 
