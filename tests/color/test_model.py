@@ -200,6 +200,14 @@ def test_rejects_rank_2_for_noisy_samples_of_one_hue(count):
             ColorModel.from_samples(one_paint, rank=2)
 
 
+@pytest.mark.parametrize("std", [None, 0.0, 0.001])
+@pytest.mark.parametrize("color", [(0.4, 0.4, 0.4), (0.1, 0.7, 0.3), (1 / 3, 0.9, 0.01)])
+def test_rejects_rank_2_for_equal_samples(color, std):
+    for count in (2, 3, 5, 50):
+        with pytest.raises(ColorModelError, match=r"clearly different|needs 3"):
+            ColorModel.from_samples(np.tile(color, (count, 1)), rank=2, std=std)
+
+
 def test_a_line_is_named_by_its_own_color_and_other_ranks_by_their_mean():
     """Exact: the mean of a white ball is white, whatever spans its plane."""
     white = np.array([1.0, 1.0, 1.0])

@@ -376,11 +376,13 @@ def _inliers(samples: Array, rank: int) -> Array:
 def _one_hue(samples: Array, scatter: float) -> bool:
     """True if the samples deviate from a line by no more than noise.
 
-    The second moment perpendicular to the line is n · scatter² for noise alone, times 1 ± √(2/n).
+    The second moment perpendicular to the line is n · scatter² for noise alone, times 1 ± √(2/n);
+    singular values are exact to rounding of the largest one.
     """
     n = len(samples)
-    moment = float(np.linalg.svd(samples, compute_uv=False)[1] ** 2)
-    return bool(moment <= (1 + 6 * np.sqrt(2 / n)) * n * scatter**2)
+    largest, second, *_ = np.linalg.svd(samples, compute_uv=False)
+    noise = np.hypot(scatter, np.finfo(float).eps * largest)
+    return bool(second**2 <= (1 + 6 * np.sqrt(2 / n)) * n * noise**2)
 
 
 def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -> Array:
@@ -390,5 +392,7 @@ def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -
         moment = np.eye(2) * np.sum((samples @ pole) ** 2)
     else:
         moment = tangent.T @ (samples.T @ samples) @ tangent
-    covariance = scatter**2 * np.linalg.inv(moment + 1e-18 * np.eye(2))
+    # Samples of one hue leave a direction undetermined: its moment is rounding, which may be negative.
+    moment += 4 * np.finfo(float).eps * np.trace(moment) * np.eye(2)
+    covariance = scatter**2 * np.linalg.inv(moment)
     return np.asarray(tangent @ covariance @ tangent.T)
