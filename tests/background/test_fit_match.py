@@ -87,6 +87,32 @@ def test_keeps_light_of_plain_wall():
         assert np.allclose(bm.background.fit_match(image, plate).gain, 1, atol=0.01)
 
 
+@pytest.mark.parametrize("moved", [0.0, 0.4])
+def test_soft_shadows_on_a_shaded_wall_are_no_motion(moved):
+    """exact: only the edge of the floor shows a displacement, and none but a vertical one."""
+    rng, (width, height) = np.random.default_rng(0), (480, 320)
+    y, x = np.mgrid[:height, :width]
+
+    def wall(down):
+        lit = 0.25 + 0.4 * np.exp(-((x - 330) ** 2 + (y - down - 60) ** 2) / 2 / 220**2)
+        lit -= 0.15 / (1 + np.exp(288 + down - y))
+        return lit[..., None] * np.array([0.9, 0.85, 0.8])
+
+    def shadow(at, width):
+        return 0.04 * np.exp(-((x - at[0]) ** 2 + (y - at[1]) ** 2) / 2 / width**2)[..., None]
+
+    light = wall(moved) * (1 - shadow((190, 240), 60) - shadow((150, 120), 90))
+    image, plate = (
+        bm.LinearImage(each + rng.normal(0, 0.003, each.shape), bm.NoiseModel(read_std=0.003))
+        for each in (light, wall(0.0))
+    )
+    match = bm.background.fit_match(image, plate)
+    across, down = match.shift
+    assert match.moves == (moved > 0)
+    assert abs(down + moved) < 0.02
+    assert abs(across) < 0.1
+
+
 def test_recovers_rotation():
     drift = Drift(shift=(1.0, 2.0), rotation=0.008)
     image, plate = photographed(RENDERING, drift, 4)

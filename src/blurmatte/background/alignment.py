@@ -9,12 +9,15 @@ polynomials 1, u, v, u², uv, v² in centered coordinates and, if there are band
 Residuals follow a t distribution, so that a moving object has little weight. Both pictures are smoothed
 by one pixel: interpolation smooths noise, which otherwise favors shifts of half a pixel.
 
+Shadows and bounced light change a wall smoothly, and so does a displacement of its shading.
+Fine structure, the difference of a picture from its local mean, shows displacements alone.
+
 The compiled loop interpolates all channels of a point in one pass, which is four times as fast as one
 by one.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -43,12 +46,16 @@ _MAX_PIXELS = 5e5  # of the finest level; larger pictures are averaged over cell
 _MIN_SIDE_PX = 48  # of the coarsest level
 _MAX_POINTS = 8_000  # compared: half of them on edges
 _MIN_SPACING_PX = 4  # of points: smoothing correlates the noise of nearer ones
+# Standard deviation of the window of local means: shadows and bounced light are smoother
+_LOCAL_MEAN_PX = 4.0
+_STRUCTURE_SMOOTHING_PX = 2.0  # where little structure competes with noise that is interpolated
 _EDGE_POSITION_STD_PX = 0.1  # the plate may be sharper than the image; splines ring
 _DEGREES_OF_FREEDOM = (
     3.0  # of the t distribution; few, since an object may cover much of the picture
 )
 _CURVATURE_RATIO = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
 _MAX_RESIDUAL_STD = 4.0  # residuals beyond are outliers and have no weight at last
+_SCALE_ERROR = 1.79  # relative standard error of that scale times √n, for Gaussian residuals
 _MIN_SCALE = 0.1  # of the residuals, over the predicted noise
 _PARAMETER_STD = 0.1  # of the prior of h and light; regularizes what data do not determine
 _TOLERANCE = 1e-3  # of a step: mean square over the variance of a parameter
@@ -134,15 +141,20 @@ def quartile_scale(residuals: Array) -> float:
     return float(np.quantile(r, 0.25)) / 0.3186 if r.size else 1.0  # 1 for a standard normal
 
 
-def levels(image: LinearImage, plate: LinearImage) -> Iterator[ComparedPair]:
-    """Yield the levels of the pyramid, the finest first."""
+def levels(
+    image: LinearImage, plate: LinearImage, structure: bool = False
+) -> Iterator[ComparedPair]:
+    """Yield the levels of the pyramid, the finest first.
+
+    structure: compare the fine structure of each level, which shows displacements and contrast alone.
+    """
     cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_PIXELS)))
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
     variance = _variance(image, C, cell) + _variance(plate, B, cell)
     valid = _cells((image.valid & plate.valid)[..., None].astype(np.float32), cell)
     parts = [C, B, variance, valid]
     while True:
-        level = _level(*parts)
+        level = _level(*parts, structure)
         yield level
         if min(level.size) < 2 * _MIN_SIDE_PX:
             return
@@ -161,8 +173,11 @@ def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
     return np.asarray(noise.variance(light) + 1e-8)  # a floor for images without rounding
 
 
-def _level(C: Array, B: Array, variance: Array, valid: Array) -> ComparedPair:
-    C, B = (scipy.ndimage.gaussian_filter(p, sigma=(1, 1, 0)) for p in (C, B))
+def _level(C: Array, B: Array, variance: Array, valid: Array, structure: bool) -> ComparedPair:
+    if structure:
+        C, B = (_fine_structure(p, valid) for p in (C, B))
+    side = _STRUCTURE_SMOOTHING_PX if structure else 1
+    C, B = (scipy.ndimage.gaussian_filter(p, sigma=(side, side, 0)) for p in (C, B))
     inside = np.asarray(
         scipy.ndimage.binary_erosion(valid[..., 0] == 1, iterations=3, border_value=0)
     )
@@ -176,6 +191,16 @@ def _level(C: Array, B: Array, variance: Array, valid: Array) -> ComparedPair:
     image_slopes = np.stack([np.gradient(C, axis=axis) for axis in (1, 0)], axis=-1)
     spline = spline_coefficients(B)
     return ComparedPair(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)
+
+
+def _fine_structure(light: Array, valid: Array) -> Array:
+    """A picture without its local means over what is valid; 0 elsewhere."""
+    known = 1.0 * (valid == 1)
+    total, weight = (
+        scipy.ndimage.gaussian_filter(x, sigma=(_LOCAL_MEAN_PX, _LOCAL_MEAN_PX, 0))
+        for x in (known * light, known)
+    )
+    return np.asarray(known * (light - total / np.maximum(weight, np.finfo(float).tiny)))
 
 
 def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
@@ -218,16 +243,16 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
     return Alignment(level, h, light, residuals, model, tuple(rows))
 
 
-def first_step(level: ComparedPair) -> tuple[Array, Array, float]:
-    """First step of the largest model from the identity: h, light, and the log likelihood gained."""
-    rows = list(LIGHTS[-1])
-    residuals, slopes = residuals_and_slopes(
-        level, np.zeros(8), IDENTITY_LIGHT.copy(), list(range(8)), rows
-    )
+def first_step(level: ComparedPair, model: tuple[int, int]) -> tuple[Alignment, float]:
+    """First step of a model from the identity, without residuals, and the log likelihood gained."""
+    free, rows, start = list(GEOMETRIES[model[0]]), level.free_rows(model[1]), level.identity
+    residuals, slopes = residuals_and_slopes(level, start.h, start.light, free, rows)
     normal, gradient = _equations(residuals, slopes, len(rows), np.True_)
     step = -np.linalg.solve(normal + np.eye(len(normal)) / _PARAMETER_STD**2, gradient)
-    h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, len(rows)).T)
-    return h, light, float(-gradient @ step / 2)
+    h, light = start.h.copy(), start.light.copy()
+    h[free] += step[: len(free)]
+    light[rows] += step[len(free) :].reshape(3, len(rows)).T
+    return replace(start, h=h, light=light, model=model), float(-gradient @ step / 2)
 
 
 def _equations(
@@ -302,9 +327,11 @@ def residuals_and_slopes(
 def log_likelihood_gain(small: Alignment, large: Alignment) -> float:
     """Log likelihood of a larger model over that of a smaller one, on the points of both.
 
-    −∞ if its residuals have a larger scale, as those of a light field that fits a large object.
+    −∞ if its residuals have a significantly larger scale, as those of a light field that fits a large
+    object.
     """
-    if large.scale > small.scale:
+    by_chance = 3 * _SCALE_ERROR / np.sqrt(len(small.residuals))
+    if large.scale > (1 + by_chance) * small.scale:
         return -np.inf
     return float(log_likelihood_gains(small, large).sum())
 

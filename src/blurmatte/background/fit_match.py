@@ -1,12 +1,13 @@
 """fit_match: the simplest homography and light change that the data do not reject.
 
 Between two pictures the tripod is touched, the lamps drift, the camera changes its white balance. The
-models of `alignment` are compared by penalized log likelihood: geometry (identity, shift, homography)
-and light (identity, gain per channel, and offset, and a quadratic field, and bands of rows or columns).
+models of `alignment` are compared by penalized log likelihood: first geometry (identity, shift,
+homography) by the fine structure of the pictures, then light (identity, gain per channel, and offset,
+and a quadratic field, and bands of rows or columns) by all of it.
 """
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
@@ -32,7 +33,6 @@ from blurmatte.background.fit_bands import (
     with_bands,
 )
 from blurmatte.background.match import Bands, Match, median_light
-from blurmatte.background.warp import IDENTITY_LIGHT
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
@@ -66,10 +66,12 @@ _MODELS = {
     Matching.SHIFT: ((1, 0), (1, 2)),
     Matching.FULL: ((2, 1), (2, 3)),
 }
+_GEOMETRY = [(geometry, 1) for geometry in range(len(GEOMETRIES))]  # models of fine structure
 
 
 # Selection of the model, and rejection of foreign plates.
 _PARAMETER_PENALTY = 20.0  # log likelihood; large, since compression correlates residuals
+_SHIFT_PENALTY = _PARAMETER_PENALTY * len(GEOMETRIES[1])  # the smallest of a displacement
 _MIN_DISPLACEMENT_PX = 0.01  # smaller changes of both this
 _MIN_LIGHT_CHANGE = 0.001  # and this, relative, are not applied
 _MAX_OFFSET = 0.1  # of the plate's median light: flare
@@ -153,19 +155,20 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     if matching is Matching.NONE or min(image.size) < _MIN_SIDE_PX:
         return Match.nothing(image.size)
     logging.getLogger("blurmatte").info("matching the plate")
-    pyramid = levels(image, plate)
-    fine = next(pyramid)
-    if len(fine.xy) < _MIN_POINTS:
+    light, structure = next(levels(image, plate)), levels(image, plate, structure=True)
+    sharp = next(structure)
+    if len(light.xy) < _MIN_POINTS:
         return Match.nothing(image.size)
-    bands_gain, *_ = strongest_bands(fine, fine.identity)
-    if matching is None and _matches(fine, plate) and bands_gain <= _penalty_of_bands(1):
+    if matching is None and _matches(sharp, light, plate):
         return Match.nothing(image.size)
-    coarse, max_offset = list(pyramid), _MAX_OFFSET * median_light(plate)
-    best, bands = _select_model(fine, coarse, matching, max_offset), None
+    smallest, largest = _MODELS[matching]
+    geometry = _select_geometry(sharp, list(structure), smallest[0], largest[0])
+    select = _LightSelection(geometry.h, smallest[1], largest[1], _MAX_OFFSET * median_light(plate))
+    best, bands = select.best(light), None
     if matching is not Matching.SHIFT:
-        best, bands = _select_bands(fine, coarse, best, matching, max_offset)
-    match = replace(_match_of(best, image.size), bands=bands)
-    _check_same_scene(match, best, fine, plate)
+        best, bands = _select_bands(light, best, select)
+    match = replace(_match_of(geometry, best, image.size), bands=bands)
+    _check_same_scene(match, best, light, plate)
     if matching is None and _is_negligible(match, plate):
         return Match.nothing(image.size)
     return match
@@ -175,84 +178,93 @@ def _is_negligible(match: Match, plate: LinearImage) -> bool:
     return match.reach <= _MIN_DISPLACEMENT_PX and match.light_change(plate) <= _MIN_LIGHT_CHANGE
 
 
-def _matches(level: ComparedPair, plate: LinearImage) -> bool:
-    """Whether the first step from the identity gains too little, or changes too little."""
-    h, light, gained = first_step(level)
-    step = replace(Match.nothing(level.size), h=h, light=IDENTITY_LIGHT + light)
-    worth = gained > _PARAMETER_PENALTY * len(GEOMETRIES[1])
-    return not worth or _is_negligible(step, plate)
+def _matches(sharp: ComparedPair, light: ComparedPair, plate: LinearImage) -> bool:
+    """Whether first steps from the identity gain too little, or change too little, and no bands do."""
+    steps = first_step(sharp, _GEOMETRY[-1]), first_step(light, (0, len(LIGHTS) - 1))
+    gained = max(gain for _, gain in steps)
+    change = replace(Match.nothing(light.size), h=steps[0][0].h, light=steps[1][0].light)
+    if gained > _SHIFT_PENALTY and not _is_negligible(change, plate):
+        return False
+    bands_gain, *_ = strongest_bands(light, light.identity)
+    return bands_gain <= _penalty_of_bands(1)
 
 
-def _select_model(
-    fine: ComparedPair, coarse: list[ComparedPair], matching: Matching | None, max_offset: Array
+def _select_geometry(
+    fine: ComparedPair, coarse: list[ComparedPair], smallest: int, largest: int
 ) -> Alignment:
-    """Forward selection by penalized likelihood, from the smallest model.
+    """Forward selection by penalized likelihood of fine structure, from the smallest geometry."""
+    models = _GEOMETRY[smallest : largest + 1]
+    best = fit_level(fine, fine.identity, models[0])
+    if largest == 0 or (smallest == 0 and first_step(fine, _GEOMETRY[-1])[1] <= _SHIFT_PENALTY):
+        return best
+    rough = coarse[-1].identity if coarse else fine.identity
+    for level in reversed(coarse):
+        for model in _GEOMETRY[1 : largest + 1]:
+            rough = fit_level(level, rough, model)
+    for model in models:
+        h = rough.h * np.isin(np.arange(8), GEOMETRIES[model[0]])
+        # What is coarse may be a shadow: the fit from no displacement competes.
+        for start in (np.zeros(8), h):
+            fit = fit_level(fine, replace(fine.identity, h=start), model)
+            if log_likelihood_gain(best, fit) > _penalty(fit.model) - _penalty(best.model):
+                best = fit
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _LightSelection:
+    """Forward selection of the light of a plate by penalized likelihood, from the smallest model.
 
     Fits with a large offset are rejected: on a plain plate a small gain and a large offset would remove
     the plate's noise.
     """
-    smallest, largest = _MODELS[matching]
-    identity = fine.identity
-    rough = coarse[-1].identity if coarse else identity
-    for level in reversed(coarse):
-        rough = fit_level(level, rough, (min(largest[0], 1), 1))
-        rough = fit_level(level, rough, (largest[0], 1))
-    fits: dict[tuple[int, int], Alignment] = {}
 
-    def fit(model: tuple[int, int]) -> Alignment:
-        """Fit of a model, computed once."""
-        if model not in fits:
-            h = (rough if model[0] else identity).h
-            if model[0] == 1:
-                h = h * np.isin(np.arange(8), GEOMETRIES[1])
-            fits[model] = fit_level(fine, replace(identity, h=h), model)
-        return fits[model]
+    h: Array  # (8,) of the geometry, which is known
+    smallest: int
+    largest: int
+    max_offset: Array  # (3,) light
 
-    model = smallest
-    while True:
-        larger = [
-            (model[0] + geometry, model[1] + light)
-            for geometry, light in ((1, 0), (0, 1), (1, 1), (2, 0), (2, 1), (0, 2), (0, 3))
-            if model[0] + geometry <= largest[0] and model[1] + light <= largest[1]
-        ]
-        gains = {
-            other: log_likelihood_gain(fit(model), fit(other)) - _penalty(other) + _penalty(model)
-            for other in larger
-            if np.all(np.abs(fit(other).light[1]) <= max_offset)
-        }
-        if not gains or max(gains.values()) <= 0:
-            return fit(model)
-        model = max(gains, key=lambda other: gains[other])
+    def fit(self, level: ComparedPair, light: int) -> Alignment:
+        """Fit of a member of LIGHTS."""
+        return fit_level(level, replace(level.identity, h=self.h), (0, light))
+
+    def best(self, level: ComparedPair) -> Alignment:
+        """The fit of the likeliest light."""
+        best, larger = self.fit(level, self.smallest), range(self.smallest + 1, self.largest + 1)
+        fits = [self.fit(level, light) for light in larger]
+        fits = [fit for fit in fits if np.all(np.abs(fit.light[1]) <= self.max_offset)]
+        while fits:
+            gains = [
+                log_likelihood_gain(best, fit) - _penalty(fit.model) + _penalty(best.model)
+                for fit in fits
+            ]
+            if max(gains) <= 0:
+                break
+            best = fits[int(np.argmax(gains))]
+            fits = [fit for fit in fits if fit.model > best.model]
+        return best
 
 
 def _select_bands(
-    fine: ComparedPair,
-    coarse: list[ComparedPair],
-    plain: Alignment,
-    matching: Matching | None,
-    max_offset: Array,
+    level: ComparedPair, plain: Alignment, select: _LightSelection
 ) -> tuple[Alignment, Bands | None]:
     """The best fit without bands, or the best one with bands and these, if they are likelier.
 
-    With one harmonic the other models are selected again: bands that are not in the model look like
-    a shift or a field. Further harmonics are added as long as they gain.
+    With one harmonic the light is selected again: bands that are not in the model look like a field.
+    Further harmonics are added as long as they gain.
     """
-    starts = (
-        fit_level(fine, fine.identity, (0, 1)),
-        plain,
-    )  # a false shift hides bands, a true one too
-    found = [strongest_bands(fine, start) for start in starts]
-    start = starts[int(found[1] > found[0])]
+    found = [strongest_bands(level, start) for start in (select.fit(level, 1), plain)]
     expected, axis, frequency = max(found)
     if expected <= _penalty_of_bands(1):
         return plain, None
-    place = axis, refined(fine, start, axis, frequency)
-    best = _select_model(with_bands(fine, *place, 1), coarse, matching, max_offset)
-    gained = gain_of_bands(fine, plain, best, axis) + _penalty(plain.model) - _penalty(best.model)
+    start = plain if found[1] > found[0] else select.fit(level, 1)
+    place = axis, refined(level, start, axis, frequency)
+    best = select.best(with_bands(level, *place, 1))
+    gained = gain_of_bands(level, plain, best, axis) + _penalty(plain.model) - _penalty(best.model)
     if gained <= _penalty_of_bands(1):
         return plain, None
     for harmonics in range(2, MAX_HARMONICS + 1):
-        fit = fit_bands(fine, best, *place, harmonics)
+        fit = fit_bands(level, best, *place, harmonics)
         more = _penalty_of_bands(harmonics) - _penalty_of_bands(harmonics - 1)
         if log_likelihood_gain(best, fit) <= more:
             break
@@ -270,13 +282,13 @@ def _penalty(model: tuple[int, int]) -> float:
     return _PARAMETER_PENALTY * parameters
 
 
-def _match_of(fit: Alignment, size: tuple[int, int]) -> Match:
+def _match_of(geometry: Alignment, light: Alignment, size: tuple[int, int]) -> Match:
     h_std, light_std = np.zeros(8), np.zeros((7, 3))
-    free, rows = list(GEOMETRIES[fit.model[0]]), list(LIGHTS[fit.model[1]])
-    std = np.sqrt(np.diag(fit.covariance()))
-    h_std[free] = std[: len(free)]
-    light_std[rows] = std[len(free) :].reshape(3, len(fit.rows)).T[: len(rows)]
-    return Match(size, fit.h, fit.light[: len(light_std)], h_std, light_std)
+    free, rows = list(GEOMETRIES[geometry.model[0]]), list(LIGHTS[light.model[1]])
+    h_std[free] = np.sqrt(np.diag(geometry.covariance()))[: len(free)]
+    std = np.sqrt(np.diag(light.covariance()))
+    light_std[rows] = std.reshape(3, len(light.rows)).T[: len(rows)]
+    return Match(size, geometry.h, light.light[: len(light_std)], h_std, light_std)
 
 
 def _check_same_scene(
