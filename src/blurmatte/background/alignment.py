@@ -152,13 +152,12 @@ def levels(
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
     variance = _variance(image, C, cell) + _variance(plate, B, cell)
     valid = _cells((image.valid & plate.valid)[..., None].astype(np.float32), cell)
-    parts = [C, B, variance, valid]
     while True:
-        level = _level(*parts, structure)
+        level = _level(C, B, variance, valid, structure)
         yield level
         if min(level.size) < 2 * _MIN_SIDE_PX:
             return
-        parts = [_cells(part, 2) for part in parts]
+        C, B, variance, valid = (_cells(part, 2) for part in (C, B, variance, valid))
 
 
 def _cells(values: Floats, side: int) -> Array:
