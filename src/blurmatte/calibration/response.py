@@ -7,8 +7,8 @@ picture of exposure time t the code value
 
 where h has an empirical prior (`response_prior`), b is the black level, and each t has an error of a
 few percent. All are fitted jointly: x is eliminated place by place (variable projection), the other
-parameters follow by Gauss-Newton steps from the residuals of code values. The covariance of the
-posterior gives the errors.
+parameters θ, in standard deviations of their prior, follow by least squares from the residuals of code
+values. The covariance of the posterior gives the errors.
 
 The prior is similar to that of M. D. Grossberg and S. K. Nayar, Modeling the Space of Camera Response
 Functions, PAMI 26 (10), 2004. The curve is determined by ratios of exposure (the same authors,
@@ -20,10 +20,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+import scipy
 
 from blurmatte.calibration.bracket import MIN_SHARED, Bracket, Places
-from blurmatte.calibration.response_prior import CELLS, ResponsePrior, response_prior
+from blurmatte.calibration.response_prior import CELLS, response_prior
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import ResponseError
 from blurmatte.radiometry import LinearImage, Transfer
@@ -40,11 +40,11 @@ _BLACK_STD = 0.002
 # Standard deviations of the noise that code values keep from the ends of the range
 _MARGIN_STD = 2.0
 _REJECTED_PROBABILITY = 1e-4  # of an inlier to be rejected
-_MAX_ITERATIONS = 25  # of Gauss-Newton
-# Longest step, and the step at convergence, standard deviations of the prior
-_MAX_STEP_STD = 2.0
-_MIN_STEP_STD = 0.02
+_MAX_SELECTIONS = 25  # of inliers
+_MIN_CHANGE_STD = 0.02  # of parameters at convergence, standard deviations of the prior
+_MIN_DECREASE = 1e-4  # of the sum of squares at convergence, relative
 _START_PLACES = 500  # places on which the curves of the prior's family are compared
+_TRIMMED = 0.25  # fraction of these places that may be outliers
 _MIN_AGREEMENT = 0.7  # fraction of the places that must agree with the curve
 _MAX_NOISE = 6 / 255  # of a code value, fraction of full scale; more is motion
 _CHANNEL_STD = 3.0  # standard deviations by which different channels must differ
@@ -152,280 +152,215 @@ def fit_response(
     everything = Places.joined(channels)
     everything.check_shared(bracket)
     fit = _fit(everything, bracket)
-    _check_agreement(fit)
-    difference, agree, channel_std = _compared(fit, channels, bracket)
+    data = fit.data
+    if fit.agreement < _MIN_AGREEMENT or data.noise > _MAX_NOISE:
+        raise ResponseError(
+            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
+            f"to {255 * data.noise:.1f} of 255 code values; the camera or the scene moved, the light "
+            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
+            "ISO and white balance by hand"
+        )
+    difference, agree, channel_std = _compared(fit, channels)
+    times, seen = data.times(fit.theta), data.codes[data.usable]
+    times *= np.exp(np.mean(np.log(bracket.times / times)))
     return ResponseFit(
         Transfer.from_table("response", np.interp(np.linspace(0, 1, TABLE), _CODES, fit.light)),
         np.hypot(fit.light_std, channel_std),
-        tuple((bracket.times * np.exp(fit.state.shifts - fit.state.shifts.mean())).tolist()),
-        fit.noise,
+        tuple(times.tolist()),
+        data.noise,
         fit.agreement,
-        fit.seen,
+        (float(seen.min()), float(seen.max())),
         difference,
         agree,
-        fit.residuals,
+        _mean_residuals(data, _predicted(fit.theta, data).codes),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _ResponseParameters:
-    """Parameters: coefficients of h, black level in its standard deviations, log times."""
+class _Curve:
+    """G at the code values between the cells."""
 
-    prior: ResponsePrior
-    z: Array
-    black: float
-    shifts: Array
+    light: Array  # (CELLS + 1,) G
+    slopes: Array  # (CELLS,) of G in each cell
 
-    @property
-    def slopes(self) -> Array:
-        """(CELLS,) derivative of G in each cell."""
-        slopes: Array = np.exp(self.prior.mean + self.prior.basis @ self.z)
-        return slopes
-
-    @property
-    def light(self) -> Array:
-        """(CELLS + 1,) G at the code values between the cells."""
-        rising = np.concatenate([[0], np.cumsum(self.slopes)]) / CELLS
-        return np.asarray(rising - _BLACK_STD * self.black)
+    @classmethod
+    def of(cls, theta: Array) -> "_Curve":
+        """The curve of parameters: coefficients of h, then the black level."""
+        prior = response_prior()
+        *z, black = theta[: prior.basis.shape[1] + 1]
+        slopes = np.exp(prior.mean + prior.basis @ z)
+        return cls(np.append(0, np.cumsum(slopes)) / CELLS - _BLACK_STD * black, slopes)
 
     @property
     def derivatives(self) -> Array:
-        """(CELLS + 1, rank + 1) derivatives of G by z and black."""
-        by_z = np.cumsum(self.prior.basis * self.slopes[:, None], axis=0) / CELLS
-        by_z = np.concatenate([np.zeros((1, len(self.z))), by_z])
-        by_black = np.full((CELLS + 1, 1), -_BLACK_STD)
-        return np.concatenate([by_z, by_black], axis=1)
+        """(CELLS + 1, rank + 1) of G by the coefficients of h and the black level."""
+        by_z = np.cumsum(response_prior().basis * self.slopes[:, None], axis=0) / CELLS
+        by_black = np.full(CELLS + 1, -_BLACK_STD)
+        return np.column_stack([np.pad(by_z, ((1, 0), (0, 0))), by_black])
 
-    def moved(self, step: Array, time_std: float) -> "_ResponseParameters":
-        """The state after a step of all parameters; times have a prior of this std."""
-        rank = len(self.z)
-        return _ResponseParameters(
-            self.prior,
-            self.z + step[:rank],
-            self.black + float(step[rank]),
-            self.shifts + time_std * step[rank + 1 :],
-        )
+    def encoded(self, light: Array) -> Array:
+        """Code values of light, extrapolated linearly beyond 0 and 1."""
+        G, slopes = self.light, self.slopes
+        codes = np.interp(light, G, _CODES)
+        codes = np.where(light > G[-1], 1 + (light - G[-1]) / slopes[-1], codes)
+        return np.where(light < G[0], (light - G[0]) / slopes[0], codes)
+
+    def slope(self, codes: Floats) -> Array:
+        """Slope of G at code values."""
+        return np.asarray(self.slopes[np.clip((codes * CELLS).astype(int), 0, CELLS - 1)])
+
+    def normalized(self, covariance: Array) -> tuple[Array, Array]:
+        """Light scaled to 1 at code value 1, and its standard deviation."""
+        light = self.light / self.light[-1]
+        derivatives = self.derivatives
+        J = (derivatives - light[:, None] * derivatives[-1]) / self.light[-1]
+        count = J.shape[1]
+        variance = np.einsum("kp,pq,kq->k", J, covariance[:count, :count], J)
+        return light, np.sqrt(np.maximum(variance, 0))
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Places that two pictures share: code values, where they are usable, and their noise."""
+
+    codes: Floats  # (N, pictures)
+    usable: Bools
+    bracket: Bracket
+    noise: float
+
+    @classmethod
+    def of(cls, places: Places, bracket: Bracket, noise: float) -> "_Data":
+        """The places whose codes are far from the ends of the range in two pictures."""
+        usable = places.usable(_MARGIN_STD * noise)
+        shared = np.count_nonzero(usable, axis=1) >= 2
+        return cls(places.codes[shared], usable[shared], bracket, noise)
+
+    def times(self, theta: Array) -> Array:
+        """(pictures,) exposure times, which are the last parameters; in any unit."""
+        ratios = self.bracket.ratios
+        return np.asarray(ratios * np.exp(self.bracket.time_std * theta[-len(ratios) :]))
+
+    def residuals(self, codes: Array) -> Array:
+        """(N, pictures) residuals from predicted code values, 0 where they are not usable."""
+        return np.where(self.usable, self.codes - codes, 0)
 
 
 @dataclass(frozen=True, eq=False)
 class _Prediction:
     """Predicted code values, for the light of each place that fits best."""
 
+    curve: _Curve
     codes: Array  # (N, pictures)
-    slopes: Array  # (N, pictures) of G there
     flow: Array  # (N, pictures) change of light by log time
 
-    def of(self, some: npt.NDArray[np.intp]) -> "_Prediction":
-        """The prediction for some of the samples."""
-        return _Prediction(self.codes[some], self.slopes[some], self.flow[some])
-
 
 @dataclass(frozen=True, eq=False)
-class _ResponseState:
-    state: _ResponseParameters
-    light: Array
+class _Fit:
+    theta: Array
+    light: Array  # (CELLS + 1,)
     light_std: Array
-    noise: float
+    data: _Data  # the inliers
     agreement: float
-    seen: tuple[float, float]
-    residuals: Array
 
 
-def _check_agreement(fit: _ResponseState) -> None:
-    """Raise ResponseError if too few places agree with the curve, or the noise is too large."""
-    if fit.agreement < _MIN_AGREEMENT or fit.noise > _MAX_NOISE:
-        raise ResponseError(
-            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
-            f"to {255 * fit.noise:.1f} of 255 code values; the camera or the scene moved, the light "
-            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
-            "ISO and white balance by hand"
-        )
-
-
-def _predicted(state: _ResponseParameters, v: Floats, times: Array, usable: Bools) -> _Prediction:
-    """The prediction of a state: the light of each place by least squares in code values."""
-    G, slopes, t = state.light, state.slopes, times * np.exp(state.shifts)
-
-    def at(codes: Floats) -> Array:
-        """Slope of the curve at code values."""
-        return np.asarray(slopes[np.clip((codes * CELLS).astype(int), 0, CELLS - 1)])
-
-    weight = np.where(usable, t / at(v), 0) ** 2
-    total = np.maximum(weight.sum(axis=1), 1e-300)
-    x = np.maximum(np.sum(weight * np.interp(v, _CODES, G) / t, axis=1) / total, 1e-9)
-    codes = _encoded(x[:, None] * t, G, slopes)
+def _predicted(theta: Array, data: _Data) -> _Prediction:
+    """The prediction of parameters: the light of each place by least squares in code values."""
+    curve, t, v = _Curve.of(theta), data.times(theta), data.codes
+    weight = np.where(data.usable, t / curve.slope(v), 0) ** 2
+    G = np.interp(v, _CODES, curve.light)
+    x = np.maximum(np.sum(weight * G / t, axis=1) / np.sum(weight, axis=1), 1e-9)
+    codes = curve.encoded(x[:, None] * t)
     for _ in range(3):
-        pull = np.where(usable, t / at(codes), 0)
-        step = np.sum(pull * (v - codes), axis=1) / np.maximum(np.sum(pull**2, axis=1), 1e-300)
+        pull = np.where(data.usable, t / curve.slope(codes), 0)
+        step = np.sum(pull * (v - codes), axis=1) / np.sum(pull**2, axis=1)
         x = np.clip(x + step, x / 2, x * 2)
-        codes = _encoded(x[:, None] * t, G, slopes)
-    return _Prediction(codes, at(codes), x[:, None] * t)
+        codes = curve.encoded(x[:, None] * t)
+    return _Prediction(curve, codes, x[:, None] * t)
 
 
-def _encoded(light: Array, G: Array, slopes: Array) -> Array:
-    codes = np.interp(light, G, _CODES)
-    codes = np.where(light > G[-1], 1 + (light - G[-1]) / slopes[-1], codes)
-    return np.where(light < G[0], (light - G[0]) / slopes[0], codes)
+def _squares(theta: Array, data: _Data) -> Array:
+    """(N,) sums of squared residuals of the places."""
+    return np.asarray(np.sum(data.residuals(_predicted(theta, data).codes) ** 2, axis=1))
 
 
-def _squares(places: Places, codes: Array, usable: Bools) -> tuple[Array, npt.NDArray[np.intp]]:
-    """Sum of squared residuals of each place that two pictures share, and its degrees of freedom."""
-    count = np.count_nonzero(usable, axis=1)
-    residual = np.where(usable, places.codes - codes, 0)
-    return np.sum(residual**2, axis=1)[count >= 2], count[count >= 2] - 1
-
-
-def _quantile(dof: npt.NDArray[np.intp], probability: float) -> Array:
-    """(N,) χ² quantiles for degrees of freedom that are few different integers."""
-    return chi_square_quantile(probability, np.arange(dof.max() + 1))[dof]
-
-
-def _start(places: Places, bracket: Bracket) -> _ResponseParameters:
-    """The curve of the family with the least trimmed sum of squares."""
-    prior = response_prior()
+def _start(places: Places, bracket: Bracket) -> Array:
+    """Parameters of the curve of the family with the least trimmed sum of squares."""
     some = places.some(_START_PLACES)
-    usable = some.usable(_MARGIN_STD * max(bracket.rounding, some.scatter))
-
-    def cost(state: _ResponseParameters) -> float:
-        """Sum of squares, with a bound that limits outliers."""
-        codes = _predicted(state, some.codes, bracket.ratios, usable).codes
-        squares, _ = _squares(some, codes, usable)
-        return float(np.sum(np.minimum(squares, 9 * np.median(squares)))) if len(squares) else 0.0
-
-    still = np.zeros(len(bracket.ratios))
-    return min((_ResponseParameters(prior, z, 0.0, still) for z in prior.members), key=cost)
+    data = _Data.of(some, bracket, max(bracket.rounding, some.scatter))
+    kept = int((1 - _TRIMMED) * len(data.codes))
+    others = np.zeros(1 + len(bracket.times))
+    starts = [np.concatenate([z, others]) for z in response_prior().members]
+    return min(starts, key=lambda theta: float(np.sum(np.sort(_squares(theta, data))[:kept])))
 
 
-def _fit(places: Places, bracket: Bracket, start: _ResponseState | None = None) -> _ResponseState:
-    """The likeliest curve.
-
-    Inliers are selected again after each step, so that there is no one cost to descend.
-    """
-    state = start.state if start else _start(places, bracket)
-    margin = _MARGIN_STD * (start.noise if start else max(bracket.rounding, places.scatter))
-    for _ in range(_MAX_ITERATIONS):
-        usable = places.usable(margin)
-        prediction = _predicted(state, places.codes, bracket.ratios, usable)
-        squares, dof = _squares(places, prediction.codes, usable)
-        if len(squares) < MIN_SHARED:
-            raise ResponseError(
-                "the pictures are too noisy, or show too much detail, to compare them; "
-                "average several of each exposure, or photograph something with plain surfaces"
-            )
-        noise = max(float(np.median(squares / _quantile(dof, 0.5))) ** 0.5, bracket.rounding)
-        good = squares <= noise**2 * _quantile(dof, 1 - _REJECTED_PROBABILITY)
-        kept = np.flatnonzero(np.count_nonzero(usable, axis=1) >= 2)[good]
-        data = _UsedCodes(places.codes[kept], usable[kept], noise, bracket)
-        prediction = prediction.of(kept)
-        step, covariance = _step(state, data, prediction)
-        size = float(np.abs(step).max())
-        state = _shortened(state, step * min(1, _MAX_STEP_STD / size), data, prediction)
-        margin = _MARGIN_STD * noise
-        if size < _MIN_STEP_STD:
+def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
+    """The likeliest curve; its inliers are selected again until they give the same curve."""
+    theta = start.theta if start else _start(places, bracket)
+    noise = start.data.noise if start else max(bracket.rounding, places.scatter)
+    for _ in range(_MAX_SELECTIONS):
+        data, agreement = _inliers(theta, _Data.of(places, bracket, noise))
+        found = scipy.optimize.least_squares(
+            _standardized_residuals, theta, _jacobian, ftol=_MIN_DECREASE, args=(data,)
+        )
+        change, theta, noise = np.abs(found.x - theta).max(), found.x, data.noise
+        if change < _MIN_CHANGE_STD:
             break
-    return _ResponseState(
-        state,
-        *_normalized(state, covariance),
-        noise,
-        len(kept) / len(squares),
-        data.seen,
-        _grouped(data, prediction),
-    )
+    covariance = np.linalg.inv(found.jac.T @ found.jac)
+    return _Fit(theta, *_Curve.of(theta).normalized(covariance), data, agreement)
 
 
-@dataclass(frozen=True, eq=False)
-class _UsedCodes:
-    """Inliers: code values, where they are usable, and their noise."""
-
-    codes: Floats  # (N, pictures)
-    usable: Bools
-    noise: float
-    bracket: Bracket
-
-    @property
-    def seen(self) -> tuple[float, float]:
-        """Smallest and largest usable code value."""
-        codes = self.codes[self.usable]
-        return float(codes.min()), float(codes.max())
-
-    def residuals(self, codes: Array) -> Array:
-        """Residuals from predicted codes, in standard deviations."""
-        return np.where(self.usable, self.codes - codes, 0) / self.noise
-
-    def cost(self, state: _ResponseParameters, codes: Array) -> float:
-        """−2 log posterior."""
-        return float(np.sum(self.residuals(codes) ** 2) + np.sum(self.prior_residuals(state) ** 2))
-
-    def prior_residuals(self, state: _ResponseParameters) -> Array:
-        """Parameters, in standard deviations of the prior."""
-        shifts = state.shifts / (self.bracket.time_std or 1)
-        return np.concatenate([state.z, [state.black], shifts])
+def _inliers(theta: Array, data: _Data) -> tuple[_Data, float]:
+    """The places that agree with a curve to their noise, and their fraction."""
+    if len(data.codes) < MIN_SHARED:
+        raise ResponseError(
+            "the pictures are too noisy, or show too much detail, to compare them; "
+            "average several of each exposure, or photograph something with plain surfaces"
+        )
+    squares, dof = _squares(theta, data), np.count_nonzero(data.usable, axis=1) - 1
+    ratios = squares / chi_square_quantile(0.5, dof)
+    noise = max(float(np.median(ratios)) ** 0.5, data.bracket.rounding)
+    good = squares <= noise**2 * chi_square_quantile(1 - _REJECTED_PROBABILITY, dof)
+    inliers = _Data(data.codes[good], data.usable[good], data.bracket, noise)
+    return inliers, float(np.mean(good))
 
 
-def _step(
-    state: _ResponseParameters, data: _UsedCodes, prediction: _Prediction
-) -> tuple[Array, Array]:
-    """Gauss-Newton step in units of the prior, and the covariance of the parameters."""
-    weight = np.where(data.usable, 1 / (prediction.slopes * data.noise), 0)
-    table = state.derivatives
-    where = np.clip(prediction.codes, 0, 1) * CELLS
-    cell = np.minimum(where.astype(int), CELLS - 1)
-    part = (where - cell)[..., None]
-    of_curve = table[cell] * (1 - part) + table[cell + 1] * part
-    flow = prediction.flow
+def _standardized_residuals(theta: Array, data: _Data) -> Array:
+    """Residuals of code values and parameters from their prior, in standard deviations."""
+    residuals = data.residuals(_predicted(theta, data).codes) / data.noise
+    return np.concatenate([residuals.ravel(), theta])
+
+
+def _jacobian(theta: Array, data: _Data) -> Array:
+    """Derivatives of `_standardized_residuals`, the light of each place being the best."""
+    prediction = _predicted(theta, data)
+    curve, codes, flow = prediction.curve, prediction.codes, prediction.flow
+    weight = np.where(data.usable, 1 / (curve.slope(codes) * data.noise), 0)
+    cell, part = np.divmod(np.clip(codes, 0, 1 - 1e-9) * CELLS, 1)
+    derivatives, rise = curve.derivatives, np.diff(curve.derivatives, axis=0)
+    cell = cell.astype(int)
+    of_curve = derivatives[cell] + rise[cell] * part[..., None]
     of_times = -flow[..., None] * np.eye(flow.shape[1]) * data.bracket.time_std
     J = np.concatenate([of_curve, of_times], axis=-1) * weight[..., None]
     # Variable projection: remove what a change of the place's light explains.
     along = flow * weight
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     J -= along[..., None] * np.einsum("nm,nmp->np", along, J)[:, None]
-    residual = data.residuals(prediction.codes)
-    residual -= along * np.sum(along * residual, axis=1, keepdims=True)
-    J = J.reshape(-1, J.shape[-1])
-    normal = J.T @ J + np.eye(J.shape[1])
-    pull = J.T @ residual.ravel() + data.prior_residuals(state)
-    return -np.linalg.solve(normal, pull), np.linalg.inv(normal)
+    return np.concatenate([J.reshape(-1, len(theta)), np.eye(len(theta))])
 
 
-def _shortened(
-    state: _ResponseParameters, step: Array, data: _UsedCodes, prediction: _Prediction
-) -> _ResponseParameters:
-    """The state after the step, halved until the cost decreases; else the old state."""
-    before = data.cost(state, prediction.codes)
-    for _ in range(8):
-        candidate = state.moved(step, data.bracket.time_std)
-        codes = _predicted(candidate, data.codes, data.bracket.ratios, data.usable).codes
-        if data.cost(candidate, codes) < before:
-            return candidate
-        step = step / 2
-    return state
-
-
-def _normalized(state: _ResponseParameters, covariance: Array) -> tuple[Array, Array]:
-    """Light scaled to 1 at code value 1, and its standard deviation."""
-    G, J = state.light, state.derivatives
-    light = G / G[-1]
-    J = (J - light[:, None] * J[-1]) / G[-1]
-    count = J.shape[1]
-    variance = np.einsum("kp,pq,kq->k", J, covariance[:count, :count], J)
-    return light, np.sqrt(np.maximum(variance, 0))
-
-
-def _grouped(data: _UsedCodes, prediction: _Prediction) -> Array:
-    """(pictures, groups) mean residual by code value; NaN where there are few."""
-    groups = _GROUPS
-    group = np.clip((prediction.codes * groups).astype(int), 0, groups - 1)
-    residual = data.codes - prediction.codes
-    means = np.full((residual.shape[1], groups), np.nan)
+def _mean_residuals(data: _Data, codes: Array) -> Array:
+    """(pictures, groups) mean residual by predicted code value; NaN where there are few."""
+    means = np.full((codes.shape[1], _GROUPS), np.nan)
+    group = np.clip((codes * _GROUPS).astype(int), 0, _GROUPS - 1)
     for picture, number in np.ndindex(*means.shape):
         inside = data.usable[:, picture] & (group[:, picture] == number)
         if np.count_nonzero(inside) >= _MIN_GROUP_PLACES:
-            means[picture, number] = residual[inside, picture].mean()
+            means[picture, number] = (data.codes - codes)[inside, picture].mean()
     return means
 
 
 def _compared(
-    fit: _ResponseState, channels: Sequence[Places], bracket: Bracket
+    fit: _Fit, channels: Sequence[Places]
 ) -> tuple[tuple[float, float, float], bool, Array]:
     """Each channel's largest distance from the common curve, and whether all agree with it.
 
@@ -435,7 +370,7 @@ def _compared(
         return (0.0, 0.0, 0.0), True, np.zeros(CELLS + 1)
     apart, agree = [], True
     for places in channels:
-        own = _fit(places, bracket, fit) if places.shared() else fit
+        own = _fit(places, fit.data.bracket, fit) if places.shared() else fit
         apart.append(np.abs(own.light - fit.light))
         allowed = _CHANNEL_STD * np.hypot(own.light_std, fit.light_std)
         agree &= bool(np.all(apart[-1] <= allowed + 1e-12))
