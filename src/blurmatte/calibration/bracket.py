@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-import numpy.typing as npt
+from numpy.lib.stride_tricks import sliding_window_view
 
 from blurmatte.checks import Array, Bools, Floats, check_same_size
 from blurmatte.errors import ResponseError
@@ -13,9 +13,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import robust_std
 
 _STEP = 1 / 255  # of full scale: a code value of 8 bits
-_AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
-
-
 # How many places are chosen and needed.
 _MAX_PIXELS = 1_000_000  # evenly spaced pixels from which places are chosen
 _PER_LEVEL = 40  # places for each of 256 levels and each channel
@@ -75,42 +72,37 @@ class Bracket:
         """Places of each channel, or of one if the pictures are gray."""
         gray = all(p.meta.gray for p in self.pictures)
         step = max(1, round((self.pictures[0].valid.size / _MAX_PIXELS) ** 0.5))
-        own, means, spreads = [], [], []
-        contrast: Array = np.zeros(1)
+        values, contrast = [], np.zeros(1)
         for picture in self.pictures:
             rgb = picture.rgb[..., :1] if gray else picture.rgb
-            height, width = picture.valid.shape
-            neighbors = np.stack(
-                [rgb[y : height - 2 + y : step, x : width - 2 + x : step] for y, x in _AROUND]
-            )
-            own.append(rgb[1 : height - 1 : step, 1 : width - 1 : step])
-            means.append(neighbors.mean(axis=0))
-            spreads.append(np.ptp(neighbors, axis=0))
-            contrast = contrast + neighbors.mean(axis=-1)
-        shape = -1, own[0].shape[-1], len(own)
-        codes = np.stack(own, axis=-1).reshape(shape)
-        around = np.stack(means, axis=-1).reshape(shape)
-        spread = np.stack(spreads, axis=-1).reshape(shape)
-        detail = np.ptp(contrast, axis=0).ravel()
-        return [
-            Places(codes[:, c], around[:, c], spread[:, c]).chosen(detail) for c in range(shape[1])
-        ]
+            windows = sliding_window_view(rgb, (3, 3), axis=(0, 1))[::step, ::step]
+            around = np.delete(windows.reshape(*windows.shape[:3], 9), 4, axis=-1)
+            values.append((windows[..., 1, 1], around.mean(axis=-1), np.ptp(around, axis=-1)))
+            contrast = contrast + around.mean(axis=2)
+        channels = np.transpose(values, (4, 1, 2, 3, 0))
+        flat = channels.reshape(*channels.shape[:2], -1, len(values))
+        detail = np.ptp(contrast, axis=-1).ravel()
+        return [Places(channel).chosen(detail) for channel in flat]
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
     """Pixels of one channel or several, in all pictures."""
 
-    codes: Floats  # (N, pictures) float: code values, 0…1
-    # (N, pictures) float: mean and range of the eight neighbors. Places are selected by these and
-    # not by `codes`: selection by a value's own noise would bias the curve
-    around: Floats
-    spread: Floats
+    # (3, N, pictures) float, 0…1: code values, mean and range of the eight neighbors. Places are
+    # selected by the latter: selection by a value's own noise would bias the curve
+    values: Floats
+
+    @property
+    def codes(self) -> Floats:
+        """(N, pictures) code values, 0…1."""
+        return self.values[0]
 
     def chosen(self, detail: Floats) -> "Places":
         """Places of every level in equal number, from the half of them with the least detail."""
-        level = np.rint(self.around.mean(axis=1) * 255).astype(int)
-        inside = np.count_nonzero((self.around > 0) & (self.around < 1), axis=1) >= 2
+        around = self.values[1]
+        level = np.rint(around.mean(axis=1) * 255).astype(int)
+        inside = np.count_nonzero((around > 0) & (around < 1), axis=1) >= 2
         groups = [np.flatnonzero(inside & (level == brightness)) for brightness in range(256)]
         levels = max(1, sum(group.size > 0 for group in groups))
         each = max(_PER_LEVEL, _PER_CHANNEL // levels)
@@ -118,31 +110,27 @@ class Places:
         for group in groups:
             plain = np.sort(group[np.argsort(detail[group], kind="stable")][: -(-len(group) // 2)])
             picked.append(plain[np.linspace(0, len(plain) - 1, min(each, len(plain))).astype(int)])
-        return self._only(np.concatenate(picked))
-
-    def _only(self, which: npt.NDArray[np.intp] | slice) -> "Places":
-        parts = (part[which].astype(float) for part in (self.codes, self.around, self.spread))
-        return Places(*parts)
+        return Places(self.values[:, np.concatenate(picked)].astype(float))
 
     @classmethod
     def joined(cls, several: "Sequence[Places]") -> "Places":
         """The places of several."""
-        parts = zip(*((p.codes, p.around, p.spread) for p in several), strict=True)
-        return cls(*(np.concatenate(part) for part in parts))
+        return cls(np.concatenate([places.values for places in several], axis=1))
 
     def some(self, count: int) -> "Places":
         """About `count` of them, evenly spaced."""
-        return self._only(slice(None, None, max(1, len(self.codes) // count)))
+        return Places(self.values[:, :: max(1, self.values.shape[1] // count)])
 
     @property
     def scatter(self) -> float:
         """Upper bound of the noise's standard deviation, from differences to neighbors."""
-        apart = np.abs(self.codes - self.around)[self._inside]
+        apart = np.abs(self.values[0] - self.values[1])[self._inside]
         return robust_std(apart) / (9 / 8) ** 0.5 if apart.size else 0.0
 
     def usable(self, margin: float) -> Bools:
         """(N, pictures) neither clipped nor within `margin` of it, nor their neighbors."""
-        low, high = self.around - self.spread, self.around + self.spread
+        _, around, spread = self.values
+        low, high = around - spread, around + spread
         return np.asarray(self._inside & (low > margin) & (high < 1 - margin))
 
     def shared(self) -> bool:
