@@ -110,9 +110,6 @@ class Compression:
 
         The noise is a standard deviation of each channel, 0…1. The draws are seeded.
         """
-        if self.shared not in _SAMPLINGS:
-            turned = self.transposed().expected(np.swapaxes(codes, 0, 1), noise)
-            return np.asarray(turned.swapaxes(0, 1))
         whole, place = self._whole(codes)
         total = np.zeros(whole.shape)
         for draw in _noise():
@@ -123,9 +120,6 @@ class Compression:
 
     def once(self, codes: Floats) -> Array:
         """What the file returns for code values (H, W, 3), 0…1."""
-        if self.shared not in _SAMPLINGS:
-            turned = self.transposed().once(np.swapaxes(codes, 0, 1))
-            return np.asarray(turned.swapaxes(0, 1))
         whole, place = self._whole(codes)
         return np.asarray(self._written(whole)[place] / 255)
 
@@ -141,6 +135,8 @@ class Compression:
         """Code values 0…255 read from a file of code values 0…1."""
         from PIL import Image
 
+        if self.shared not in _SAMPLINGS:
+            return self.transposed()._written(whole.swapaxes(0, 1)).swapaxes(0, 1)
         tables = [[step for row in steps for step in row] for steps in (self.luma, self.chroma)]
         codes = np.rint(255 * np.clip(whole, 0, 1)).astype(np.uint8)
         file = io.BytesIO()
@@ -228,10 +224,9 @@ class FrameCoding:
         errors = self.errors()
         if errors is None:
             return None
-        variance, (x, y) = np.empty(light.shape, np.float32), self.origin
-        for c in range(3):
-            variance[..., c] = errors.moving.variance(light[..., c], c, y, x)
-        return variance
+        x, y = self.origin
+        channels = [errors.moving.variance(light[..., c], c, y, x) for c in range(3)]
+        return np.stack(channels, axis=-1, dtype=np.float32)
 
 
 def lost_change(change: Floats, step: float) -> Array:
