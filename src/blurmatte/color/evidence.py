@@ -28,7 +28,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.color.model import perpendicular
+from blurmatte.color.model import perpendicular, unit
 
 _OUTLIER_STD = 3.0  # standard deviations beyond which the loss is linear
 _EFFICIENCY = 1.131  # E[ψ′] / E[ψ²] over normal z, with ψ half the slope of that loss
@@ -303,8 +303,3 @@ def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
     center = unit(weight @ grid)
     away = grid - center
     return center, np.asarray((away * weight[:, None]).T @ away)
-
-
-def unit(v: Array) -> Array:
-    """The vector scaled to length 1."""
-    return np.asarray(v / np.linalg.norm(v))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 import scipy
@@ -16,7 +17,7 @@ import scipy
 from blurmatte.checks import Array, Floats
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry.color_space import Matrix3, hex_of_light, light_in_srgb, light_of_hex
-from blurmatte.statistics import MAD_TO_STD
+from blurmatte.statistics import robust_std
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,10 +178,8 @@ class ColorModel:
 
     def _with_pole(self, pole: Array) -> ColorModel:
         if self.rank == 1:  # colors are not negative
-            pole = np.maximum(pole, 0)
-            return ColorModel((pole / np.linalg.norm(pole))[:, None], to_srgb=self.to_srgb)
-        basis = _bright(perpendicular(pole))
-        return ColorModel(basis, to_srgb=self.to_srgb)
+            pole = unit(np.maximum(pole, 0))
+        return ColorModel(_basis_of(pole, self.rank), to_srgb=self.to_srgb)
 
     @classmethod
     def any(cls) -> ColorModel:
@@ -259,9 +258,8 @@ class ColorModel:
         residual = _residual(samples, pole, rank)
         freedom = max(len(residual) - 2, 1)
         scatter = std if std is not None else float(np.sqrt(np.sum(residual**2) / freedom))
-        basis = pole[:, None] if rank == 1 else perpendicular(pole)
         covariance = _sample_covariance(samples, pole, rank, scatter)
-        model = cls(_bright(basis), covariance, {})
+        model = cls(_basis_of(pole, rank), covariance)
         if not model.angle_std < 20 or (rank == 2 and _one_hue(samples, scatter)):
             raise ColorModelError(
                 f"the {len(samples)} samples determine the {'line' if rank == 1 else 'plane'} of "
@@ -284,7 +282,7 @@ def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
     poles = [model.pole if model.pole @ first > 0 else -model.pole for model in models]
     mean = np.mean(poles, axis=0)
     for _ in range(3):
-        mean /= np.linalg.norm(mean)
+        mean = unit(mean)
         T = perpendicular(mean)
         offsets = [T.T @ pole / (mean @ pole) for pole in poles]
         smallest = 1e-5**2 * np.eye(2)  # radians²: no color is known better
@@ -295,8 +293,7 @@ def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
     excess = sum(t @ w @ t for w, t in zip(weights, offsets, strict=True)) / (2 * len(models) - 2)
     covariance = covariance * max(float(excess), 1.0)
     std = float(np.degrees(np.sqrt(np.trace(covariance) / 2)))
-    pole = mean / np.linalg.norm(mean)
-    basis = pole[:, None] if models[0].rank == 1 else _bright(perpendicular(pole))
+    basis = _basis_of(unit(mean), models[0].rank)
     means = [model.mean for model in models if model.mean is not None]
     light = np.mean(means, axis=0) if means else None
     return ColorModel(basis, T @ covariance @ T.T, {"frames": std}, models[0].to_srgb, light)
@@ -305,6 +302,16 @@ def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
 def _bright(basis: Array) -> Array:
     """Columns with signs that make their sums positive."""
     return np.asarray(basis * np.where(basis.sum(axis=0) < 0, -1, 1))
+
+
+def _basis_of(pole: Array, rank: int) -> Array:
+    """(3, rank) orthonormal basis of the line or plane of a pole."""
+    return _bright(pole[:, None] if rank == 1 else perpendicular(pole))
+
+
+def unit(v: Array) -> Array:
+    """The vector scaled to length 1."""
+    return np.asarray(v / np.linalg.norm(v))
 
 
 def perpendicular(v: Array) -> Array:
@@ -343,34 +350,28 @@ def _residual(samples: Array, pole: Array, rank: int) -> Array:
 
 
 def _inliers(samples: Array, rank: int) -> Array:
-    """Samples within four standard deviations of a robust multistart fit."""
+    """Samples within four standard deviations of the best of several robust fits."""
     strong = samples[np.argsort(-np.linalg.norm(samples, axis=1))]
     picks = strong[np.linspace(0, len(strong) - 1, min(12, len(strong))).astype(int)]
-    if rank == 1:
-        starts = [_pole_of(samples, rank), *picks]
-    else:
-        starts = [_pole_of(samples, rank)]
-        starts += [np.cross(a, b) for i, a in enumerate(picks) for b in picks[i + 1 :]]
-    best, least = np.zeros(1), np.inf
-    for start in starts:
-        if np.linalg.norm(start) < 1e-9:
-            continue
-        pole = start / np.linalg.norm(start)
-        tangent = perpendicular(pole)
-
-        def residual(step: Array, pole: Array = pole, tangent: Array = tangent) -> Array:
-            """Distances of the samples after a step of the pole."""
-            moved = pole + tangent @ step
-            return _residual(samples, moved / np.linalg.norm(moved), rank)
-
-        spread = max(float(np.median(np.abs(residual(np.zeros(2))))), 1e-9)
-        found = residual(
-            scipy.optimize.least_squares(residual, np.zeros(2), loss="cauchy", f_scale=spread).x
-        )
-        if np.median(np.abs(found)) < least:
-            best, least = found, float(np.median(np.abs(found)))
+    poles = list(picks) if rank == 1 else [np.cross(a, b) for a, b in combinations(picks, 2)]
+    starts = [_pole_of(samples, rank), *(pole for pole in poles if np.linalg.norm(pole) >= 1e-9)]
+    fits = [_robust_residual(samples, unit(start), rank) for start in starts]
+    best = min(fits, key=lambda residual: float(np.median(np.abs(residual))))
     distance = np.abs(best).reshape(len(samples), -1).max(axis=1)
-    return np.asarray(samples[distance <= 4 * MAD_TO_STD * least + 1e-12])
+    return np.asarray(samples[distance <= 4 * robust_std(best) + 1e-12])
+
+
+def _robust_residual(samples: Array, start: Array, rank: int) -> Array:
+    """Residuals of the samples from the line or plane near a pole of least Cauchy loss."""
+    tangent = perpendicular(start)
+
+    def residual(step: Array) -> Array:
+        """Distances of the samples after a step of the pole."""
+        return _residual(samples, unit(start + tangent @ step), rank)
+
+    still = np.zeros(2)
+    spread = max(float(np.median(np.abs(residual(still)))), 1e-9)
+    return residual(scipy.optimize.least_squares(residual, still, loss="cauchy", f_scale=spread).x)
 
 
 def _one_hue(samples: Array, scatter: float) -> bool:

@@ -27,9 +27,8 @@ from blurmatte.color.evidence import (
     closed_form,
     misfit,
     posterior,
-    unit,
 )
-from blurmatte.color.model import ColorModel
+from blurmatte.color.model import ColorModel, unit
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB, LinearImage, are_gray, check_same_colors
 from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
