@@ -1,6 +1,7 @@
 """Scenes with a known answer that several tests look at, and where real pictures lie."""
 
 import os
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -24,9 +25,15 @@ def pytest_addoption(parser):
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Slow tests belong to the battery."""
+    """Slow tests, and cases off the diagonal of a product, belong to the battery."""
+    products = defaultdict(list)
     for item in items:
+        if item.get_closest_marker("diagonal"):
+            products[item.nodeid.split("[")[0]].append(item)
         if item.nodeid in SLOW:
+            item.add_marker(pytest.mark.battery)
+    for cases in products.values():
+        for item in off_diagonal(cases):
             item.add_marker(pytest.mark.battery)
 
 
@@ -40,6 +47,21 @@ def pytest_runtest_call(item):
         if path is not None:
             with path.open("a", encoding="utf-8") as file:
                 file.write(f"{sum(os.times()[:4]) - start:.2f} {item.nodeid}\n")
+
+
+def off_diagonal(cases):
+    """The cases of a product that are not needed to run each value of each parameter once."""
+    parameters = [
+        {name: id(value) for name, value in case.callspec.params.items()} for case in cases
+    ]
+    values = {
+        name: list(dict.fromkeys(each[name] for each in parameters)) for name in parameters[0]
+    }
+    longest = max(values, key=lambda name: len(values[name]))
+    for case, each in zip(cases, parameters, strict=True):
+        k = values[longest].index(each[longest])
+        if any(each[name] != several[k % len(several)] for name, several in values.items()):
+            yield case
 
 
 def moving_ball(plate, second_color=None):

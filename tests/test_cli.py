@@ -134,6 +134,7 @@ def test_second_line_names_alternatives(scene, tmp_path, graded):
     assert third.startswith("Solution(128x80, ")
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("required", ["confirmed", "plausible"])
 @pytest.mark.parametrize("grade", ["confirmed", "plausible", "assumed"])
 def test_grade_below_required_sets_exit_code_and_keeps_files(
@@ -647,6 +648,7 @@ BAD = [
 ]
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize(("name", "forge"), BAD, ids=lambda x: getattr(x, "__name__", x))
 @pytest.mark.parametrize("spoiled", ["image", "plate"])
 def test_bad_picture_gives_one_line_and_writes_nothing(here, tmp_path, name, forge, spoiled):

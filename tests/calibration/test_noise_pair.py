@@ -85,6 +85,7 @@ def test_measures_a_sensor(paint, plate_part):
     assert_allclose(np.mean(plate / true), plate_part, atol=0.2 if plate_part == 0 else 0.06)
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("plate_part", [0, 0.5, 1])
 @pytest.mark.parametrize("code_std", [1 / 255, 2 / 255], ids=["1/255", "2/255"])
 def test_measures_eight_bit_files(paint, code_std, plate_part):

@@ -94,6 +94,7 @@ def test_least_squares_minimizes_the_distances(rank):
         assert distance2(model.pole + tangent @ step) > least
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("std", [None, 0.02], ids=["measured", "given"])
 @pytest.mark.parametrize("rank", [1, 2])
 def test_covariance_of_samples_is_calibrated(rank, std):

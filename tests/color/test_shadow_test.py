@@ -90,6 +90,7 @@ def test_shadows_are_recognized(scene):
         assert may_be_shadow(*strongest(shadow(plate, body, camera, strength, softness)))
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("plate", PLATES)
 @pytest.mark.parametrize("color", [(0.2, 0.05, 0.05), (0.05, 0.2, 0.25), (0.9, 0.45, 0.05)])
 def test_objects_with_light_are_no_shadows(plate, color):

@@ -134,6 +134,7 @@ def alternatives(count, weight=0.2):
     return tuple(Alternative(**one) for one in (own, *others))
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("size", [(120, 90), (400, 60), (60, 400)])
 @pytest.mark.parametrize("count", [1, 5])
 def test_alternatives_have_swatches(monkeypatch, size, count):

@@ -94,6 +94,7 @@ def test_frames_of_joined_files_are_counted_and_their_times_go_on(tmp_path, kind
         check_numbers(path, list(range(30)))
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("lost", [1, 5])
 @pytest.mark.parametrize("kind", ["ts", "mkv", "mpg"])
 def test_clip_that_begins_between_key_frames_begins_with_the_first_decoded_frame(

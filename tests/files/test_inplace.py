@@ -121,6 +121,7 @@ def test_metadata_is_kept(tmp_path, source, target):
         assert_allclose([float(n) for n in after.info["dpi"]], 300, atol=0.01)
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("target", ["png", "tif"])
 @pytest.mark.parametrize("source", EXTENSIONS)
 @pytest.mark.parametrize("orientation", [1, 5, 6, 8])
@@ -152,6 +153,7 @@ def test_orientation_agrees_with_pillow(tmp_path, orientation):
     assert np.argwhere((upright == 0).all(axis=-1)).tolist() == [[3, 7]]
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("progressive", [False, True])
 @pytest.mark.parametrize("subsampling", [0, 1, 2])
 @pytest.mark.parametrize("orientation", [1, 6])

@@ -313,6 +313,7 @@ def test_invalid_exposure_time_is_ignored(tmp_path):
     assert read(tmp_path / "odd.jpg", transfer=SRGB).meta.exposure_time is None
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("chroma", ["4:4:4", "4:2:2", "4:2:0"])
 @pytest.mark.parametrize("orientation", range(1, 9))
 def test_jpeg_compression_is_read_in_every_orientation(tmp_path, orientation, chroma):

@@ -52,6 +52,7 @@ def with_byte(data, marker, offset, value):
     return data[:at] + bytes([value]) + data[at + 1 :]
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("progressive", [False, True])
 @pytest.mark.parametrize("kind", [{"gray": True}, *({"subsampling": n} for n in range(3))], ids=str)
 @pytest.mark.parametrize("restart", [{}, {"restart_marker_rows": 1}, {"restart_marker_blocks": 3}])

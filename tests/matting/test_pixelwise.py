@@ -108,6 +108,7 @@ def test_errors_with_known_noise_are_calibrated(rendering):
     assert_honest(trials)
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("plate_part", [0, 0.5, 1])
 @pytest.mark.parametrize("code_std", [1 / 255, 2 / 255], ids=["1/255", "2/255"])
 def test_errors_in_8_bits_with_measured_noise_are_calibrated(rendering, code_std, plate_part):

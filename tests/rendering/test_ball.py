@@ -91,6 +91,7 @@ def ball_of(name, radius=5.0):
     return Ball(**{"radius": radius, "color": ORANGE} | BALLS[name][0])
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("pose", POSES)
 @pytest.mark.parametrize("name", ["flat", "glossy", "two paints", "everything"])
 def test_agrees_with_counted_points(name, pose):

@@ -26,6 +26,7 @@ def counted_disc(x, y, radius, n=200):
     )
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("radius", [0.2, 0.7, 3, 6.4])
 @pytest.mark.parametrize("shift", [(0, 0), (0.5, 0.5), (0.31, -0.17)])
 def test_disc_agrees_with_counting_points(radius, shift):
@@ -130,6 +131,7 @@ POLYGONS = {
 }
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("name", POLYGONS)
 @pytest.mark.parametrize("grid", [GRID, UNEVEN])
 def test_polygon_agrees_with_clipping_it_to_each_cell(name, grid):

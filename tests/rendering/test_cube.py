@@ -51,6 +51,7 @@ def face_light(cube, k, pose):
     return paint * light
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("name", POSES)
 @pytest.mark.parametrize("cube", [Cube(11.3, CYAN), Cube(8.2, SIX, 0.3, LAMPS)])
 def test_agrees_with_rays(cube, name):

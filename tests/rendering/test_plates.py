@@ -78,6 +78,7 @@ def stripes_in_points(size, colors, width, angle, fine=40):
     return points.reshape(size[1], fine, size[0], fine, 3).mean(axis=(1, 3))
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("degrees", [0, 1e-5, 20, 45, 65, 90, 137, 180, -30])
 @pytest.mark.parametrize("width", [2, 5.3])
 def test_stripes_are_averaged_over_each_pixel(degrees, width):

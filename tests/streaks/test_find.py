@@ -29,6 +29,7 @@ def covered(streak, alpha):
 # Nothing moved
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("plate", NAMES)
 @pytest.mark.parametrize("code_std", [0, 0.3, 1, 2, 5])
 def test_no_streak_in_noise(taken, plates, plate, code_std):
@@ -45,6 +46,7 @@ def test_no_streak_in_noise_of_floats(sigma):
         assert find_streaks(image, plate) == []
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("plate", NAMES)
 @pytest.mark.parametrize("quality", [75, 85, 95])
 def test_no_streak_in_jpeg(taken, plates, plate, quality):
@@ -65,6 +67,7 @@ def test_no_streak_in_blocks_rounded_together(taken, plates, plate, quality):
         assert find_streaks(*pictures) == []
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("quality", [None, 85])
 @pytest.mark.parametrize("code_std", [1, 2, 5])
 def test_no_streak_in_shifted_plate(taken, plates, code_std, quality):
@@ -100,6 +103,7 @@ def faint(plates, request):
     return rendered(Scene(plates[request.param], path, Ball(5.2, ORANGE, ambient=0.8)))
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("code_std", [1, 2])
 def test_finds_faint_streak_completely(taken, faint, code_std):
     alpha = faint.layer.alpha
@@ -138,6 +142,7 @@ def test_sorts_two_objects_by_evidence(taken, plates):
     assert found[0].evidence > found[1].evidence > 0
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("gap", [13, 17])
 @pytest.mark.parametrize("plate", ["tiles", "plain"])
 def test_separates_balls_on_parallel_paths(plates, balls_side_by_side, plate, gap):
@@ -150,6 +155,7 @@ def test_separates_balls_on_parallel_paths(plates, balls_side_by_side, plate, ga
     assert_allclose(np.sort(shares, axis=0), [[0, 0], [1, 1]], atol=0.03)
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("light", [0.02, 0.55 * ORANGE])
 @pytest.mark.parametrize("width", [6, 14])
 def test_line_of_the_plate_does_not_split_a_streak(taken, plates, width, light):
@@ -194,6 +200,7 @@ def test_searches_large_pictures_in_cells(taken, faint, monkeypatch):
     assert [streak.cell for streak in (found[0], within, everywhere)] == [2, 2, 1]
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("radius", [14, 24])
 @pytest.mark.parametrize("plate", ["tiles", "plain"])
 def test_finds_object_over_a_quarter_of_the_picture(taken, plates, plate, radius):

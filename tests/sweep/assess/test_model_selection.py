@@ -89,6 +89,7 @@ def test_correlated_residuals_make_weights_more_even():
     assert sure[0] > unsure[0] > 0.5
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("scenes", [BALLS, BEFORE_TILES, FLAT, FLAT_BEFORE_TILES])
 @pytest.mark.parametrize("family", [LINE, ARC], ids=lambda family: family.name)
 def test_the_true_alpha_has_the_most_evidence(scenes, family):

@@ -86,6 +86,7 @@ def test_a_sweep_that_is_mostly_hidden_has_no_occluder():
     assert occluded(BEHIND, ORANGE, C, B, variance, use).any()
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("radius", [18, 26])
 @pytest.mark.parametrize("tile", [None, 6, 12])
 def test_a_sweep_of_the_wrong_width_has_no_occluder(radius, tile):

@@ -40,6 +40,7 @@ def turned_by(color, degrees):
     return color + np.tan(np.radians(degrees)) * np.linalg.norm(color) * away / np.linalg.norm(away)
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("color", [ONE_PAINT, NEUTRAL], ids=["one paint", "any colors"])
 @pytest.mark.parametrize("family", SMOOTH, ids=lambda family: family.name)
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
@@ -57,6 +58,7 @@ def test_exact_light_gives_the_exact_path(family, scenes, color):
     assert alpha_error(end.swept.alpha, true) < 2e-3
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("offset", [(0, 0), (4, 3), (-15, 9), (60, -30)])
 @pytest.mark.parametrize("factor", [0.5, 1, 2])
 def test_the_cost_never_increases(offset, factor):

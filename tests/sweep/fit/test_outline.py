@@ -54,6 +54,7 @@ def error(state, scene):
     return alpha_error(state.swept.alpha, within(state.observation, rendered(scene).layer.alpha))
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("scene", [FLAT[LINE], FLAT_BEFORE_TILES[LINE]], ids=["wall", "tiles"])
 def test_a_ball_remains_a_disc(scene, seed):

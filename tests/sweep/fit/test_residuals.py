@@ -165,6 +165,7 @@ def test_noise_inflation_is_limited_by_the_change(right):
     assert noise_inflation(state.on(state.observation.with_light(C))) == 1
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("quality", [None, 100, 90])
 @pytest.mark.parametrize("chroma", ["4:2:0", "4:2:2"])
 def test_chroma_subsampling_correlates_colors(chroma, quality):

@@ -14,6 +14,7 @@ OUTLINE = Silhouette(5)
 COEFFICIENTS = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("turn", [0.0, 1.2])
 @pytest.mark.parametrize("stretch", [0.0, 1.0])
 @pytest.mark.parametrize("radius", [4.0, 12.0])

@@ -53,6 +53,7 @@ def numeric_gradient(state, function, step=1e-3):
     )
 
 
+@pytest.mark.diagonal
 @pytest.mark.parametrize("color", [NEUTRAL, ONE_PAINT], ids=["any colors", "one paint"])
 @every_family
 def test_the_gradient_is_that_of_the_loss(family, color):
