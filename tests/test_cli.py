@@ -71,6 +71,16 @@ def solve(scene, out):
     return good("solve", *files, *FAST, "--out", out)
 
 
+@pytest.fixture(scope="module")
+def swept(scene, tmp_path_factory):
+    """Results of the scene by the default solver."""
+    out = tmp_path_factory.mktemp("swept")
+    good(
+        "solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, "--out", out
+    )
+    return out
+
+
 def content(folder):
     return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
@@ -160,14 +170,10 @@ def test_exit_code_of_a_failed_image_precedes_that_of_a_lesser_grade(here, tmp_p
     assert sorted(content(tmp_path / "o" / "image")) == NAMES
 
 
-def test_solve_equals_api(scene, tmp_path):
+def test_solve_equals_api(scene, swept):
     image, plate = (bm.read(scene / f"{name}.png") for name in ("image", "plate"))
     expected = bm.solve(image, plate, bm.ColorModel.from_hex(COLOR))
-    good(
-        *("solve", scene / "image.png", "--plate", scene / "plate.png"),
-        *("--out", tmp_path, "--color", COLOR),
-    )
-    solution = bm.read_solution(tmp_path / "layer.exr")
+    solution = bm.read_solution(swept / "layer.exr")
     assert np.array_equal(solution.alpha, expected.alpha)
     assert np.array_equal(solution.quality, expected.quality)
 
@@ -232,7 +238,7 @@ def test_occluder_is_excluded_and_flagged(scene, tmp_path):
     post = np.zeros_like(light)
     post[:, 56:60] = 1
     bm.write(tmp_path / "post.png", bm.LinearImage(post))
-    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
     good(*base, "--out", tmp_path / "o", "--occluder", tmp_path / "post.png")
     solution = bm.read_solution(tmp_path / "o" / "layer.exr")
     flagged = (solution.quality & bm.matting.Quality.OCCLUDED) != 0
@@ -448,25 +454,23 @@ def test_info_lists_the_shots_of_a_clip(tmp_path):
     assert "give a clip" in complaint(run("info", "examples/plain/image.png", "--shots"))
 
 
-def test_info_describes_results(scene, tmp_path):
-    files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
-    good("solve", *files, "--out", tmp_path)
-    solution = good("info", tmp_path / "layer.exr").stdout
+def test_info_describes_results(swept, tmp_path):
+    solution = good("info", swept / "layer.exr").stdout
     assert "Solution(128x80" in solution
     assert "solver: Swept" in solution
     assert re.search(r"^sum_alpha: [\d.]{1,7}$", solution, re.MULTILINE)
     assert re.search(r"^sweep.outlines: 2 x \d+ points$", solution, re.MULTILINE)
     assert "other_boxes: none" in solution
     assert max(map(len, solution.splitlines())) < 200
-    report = good("info", tmp_path / "report.json").stdout
-    assert f"{tmp_path / 'report.json'}: a report, text" in report
+    report = good("info", swept / "report.json").stdout
+    assert f"{swept / 'report.json'}: a report, text" in report
     assert "explains the streak" in report
-    assert "rank 1, given" in good("info", tmp_path / "model.json").stdout
-    straight = good("info", tmp_path / "layer.png").stdout
+    assert "rank 1, given" in good("info", swept / "model.json").stdout
+    straight = good("info", swept / "layer.png").stdout
     assert "16 bit RGB and straight alpha: a layer" in straight
     assert "alpha: up to" in straight
     assert "valid" not in straight
-    layer = bm.read_layer(tmp_path / "layer.png")
+    layer = bm.read_layer(swept / "layer.png")
     bm.write(tmp_path / "layer.tif", layer)
     assert "RGB and premultiplied alpha" in good("info", tmp_path / "layer.tif").stdout
 
@@ -739,7 +743,7 @@ def test_accepts_any_file_name(here, tmp_path):
     odd = tmp_path / "my pictures — Größe 100% [1]"
     shutil.copytree(here, odd)
     files = (odd / "image.png", "--plate", odd / "plate.png", "--color", COLOR)
-    result = good("solve", *files, "--out", odd / "ergebnisse für dich")
+    result = good("solve", *files, *FAST, "--out", odd / "ergebnisse für dich")
     assert "Größe" in result.stdout
     report = json.loads((odd / "ergebnisse für dich" / "report.json").read_text("utf-8"))
     assert report["image"]["file"] == "image.png"
@@ -1091,7 +1095,7 @@ def test_matches_and_reports_shifted_plate(scene, tmp_path):
     moved = bm.LinearImage(np.roll(plate.rgb, (1, 2), axis=(0, 1)))
     bm.write(tmp_path / "moved.png", moved)
     files = (scene / "image.png", "--plate", tmp_path / "moved.png", "--color", COLOR)
-    said = good("solve", *files, "--out", tmp_path / "o").stdout
+    said = good("solve", *files, *FAST, "--out", tmp_path / "o").stdout
     assert "plate: shifted by +2.00, +1.00 px" in said
     report = json.loads((tmp_path / "o" / "report.json").read_text())
     assert np.allclose(report["stats"]["match"]["shift"], (2, 1), atol=0.02)
