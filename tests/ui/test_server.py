@@ -437,7 +437,7 @@ def test_bytes_that_are_no_request_do_no_harm_and_quit_leaves_nothing(server):
 def test_a_server_that_is_ended_ends_its_processes_and_deletes_its_folder(server, name):
     ask(server, "PUT", "/api/files?name=a.png", b"x")
     ask(server, "POST", "/api/jobs", json.dumps({"words": ["solve", "sleep"]}))
-    while not (stage := ask(server, "GET", "/api/jobs/1")["stage"])[0].isdigit():
+    while not ((stage := ask(server, "GET", "/api/jobs/1")["stage"]) and stage[0].isdigit()):
         time.sleep(0.02)
     pids = [*helpers(server), *map(int, stage.split())]
     assert len(set(pids)) >= 4
