@@ -209,7 +209,9 @@ def _inliers(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
     expected = curve.variance(light) + sample.step**2 / 12
     typical = np.minimum(typical, _MAX_OVER_CURVE * expected)
     changed, inliers = _unchanged(sample, typical)
-    inliers &= _clear_of_ends(sample, light, typical)
+    # In files of code values noise is truncated near black and white.
+    reach = _END_MARGIN_STD * np.sqrt(typical)
+    inliers &= (sample.step == 0) | ((light > reach) & (light < 1 - reach))
     require_pixels(inliers)
     return typical, inliers, changed
 
@@ -277,12 +279,6 @@ def _unchanged(sample: Sample, typical: Array) -> tuple[float, Bools]:
             "stay still; or select where they do"
         )
     return share, sample.use & ~changed[..., None] & (sample.v <= limit)
-
-
-def _clear_of_ends(sample: Sample, light: Array, typical: Array) -> Bools:
-    """(H, W, 3) where noise is truncated neither at black nor at white, in files of code values."""
-    reach = _END_MARGIN_STD * np.sqrt(typical)
-    return np.asarray((sample.step == 0) | ((light > reach) & (light < 1 - reach)))
 
 
 def _channel(
