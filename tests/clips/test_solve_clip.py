@@ -84,9 +84,8 @@ def test_a_plate_in_shadow_is_refused_in_a_clip(pictures):
         next(bm.solve_clip(frames, plate, solver=bm.matting.Shaded(plate=plate)))
 
 
-def test_multiplied_errors_have_their_grade(pictures):
-    frames, plate = pictures
-    solution = bm.solve(frames[5], plate, matching=bm.background.Matching.NONE)
+def test_multiplied_errors_have_their_grade(solved):
+    solution = solved[5]
     larger = solution.with_errors_times(30.0)
     assert larger.stats.alpha_error == pytest.approx(30 * solution.stats.alpha_error)
     assert np.array_equal(larger.alpha, solution.alpha)

@@ -24,6 +24,12 @@ def row(k, number, y, doubts=""):
     return FrameMotion(k, k / 30, s, number, True, object=number)
 
 
+@pytest.fixture(scope="module")
+def sheet():
+    """The sheet of one object without doubts."""
+    return draw_clip(PLATE, [row(k, 1, 45.0) for k in range(5)])
+
+
 def rows_with(sheet, color):
     """Rows of the picture that contain a color, without the charts below."""
     return np.flatnonzero((sheet[:1300] == color).all(axis=-1).any(axis=1))
@@ -42,10 +48,9 @@ def test_objects_have_different_colors(count):
         assert rows_with(sheet, BLUE).max() < rows_with(sheet, ORANGE).min()
 
 
-def test_sheet_has_one_ground_a_name_and_a_legend():
+def test_sheet_has_one_ground_a_name_and_a_legend(sheet):
     """Exact: charts are not white, the name is in the title alone, below the picture is a legend."""
-    rows = [row(k, 1, 45.0) for k in range(5)]
-    sheet, named = draw_clip(PLATE, rows), draw_clip(PLATE, rows, name="rally.mp4")
+    named = draw_clip(PLATE, [row(k, 1, 45.0) for k in range(5)], name="rally.mp4")
     assert not (sheet == 255).all(axis=-1).any()
     assert (sheet == Palette.ground).all(axis=-1)[1405:].mean() > 0.8
     assert np.flatnonzero((sheet != named).any(axis=(1, 2))).max() < 80
@@ -53,12 +58,12 @@ def test_sheet_has_one_ground_a_name_and_a_legend():
     assert swatches == [14**2, 14**2]
 
 
-def test_doubted_frames_are_dashed():
+def test_doubted_frames_are_dashed(sheet):
     """Exact: doubtful frames have neither bright lines nor crosses."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
-    sheets = [draw_clip(PLATE, rows) for rows in (sure, doubted)]
-    bright = [np.sum((sheet[100:1300] == Palette.bright).all(axis=-1)) for sheet in sheets]
-    crosses = [len(rows_with(sheet, Palette.streak)) for sheet in sheets]
+    sheets = [sheet, draw_clip(PLATE, doubted)]
+    bright = [np.sum((one[100:1300] == Palette.bright).all(axis=-1)) for one in sheets]
+    crosses = [len(rows_with(one, Palette.streak)) for one in sheets]
     assert bright[0] > 300 > bright[1] == 0
     assert crosses[0] > crosses[1] == 0
     one = draw_clip(PLATE, [*sure[:2], doubted[2], *sure[3:]])
