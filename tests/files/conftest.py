@@ -102,7 +102,10 @@ def write_dng(path, codes, pattern=((0, 1), (1, 2)), white=16383, black=(512,) *
         tags.append((33421, "H", 2, pattern.shape, True))  # CFARepeatPatternDim
         tags.append((33422, "B", pattern.size, bytes(pattern.ravel().tolist()), True))  # CFAPattern
     kind = 34892 if codes.ndim == 3 else "cfa"
-    tifffile.imwrite(path, codes, photometric=kind, extratags=tags, metadata=None)
+    planar = "contig" if codes.ndim == 3 else None  # else newer versions take rows for pages
+    tifffile.imwrite(
+        path, codes, photometric=kind, planarconfig=planar, extratags=tags, metadata=None
+    )
     return path
 
 
