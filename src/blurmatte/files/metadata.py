@@ -177,7 +177,7 @@ def save_new_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
     options |= {"dpi": metadata.dpi} if metadata.dpi else {}
     file = io.BytesIO()
     Image.fromarray(codes).save(file, "JPEG", quality=95, subsampling=0, **options)
-    path.write_bytes(file.getbuffer())
+    path.write_bytes(file.getvalue())
 
 
 def raster_colors(raster: Raster, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:

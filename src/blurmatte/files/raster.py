@@ -499,7 +499,7 @@ def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> 
         ifd[TiffTag.EXPOSURE_TIME] = IFDRational(round(exposure_time * 1e6), 1_000_000)
     content = io.BytesIO()  # if it wrote to the file, Pillow would not notice a full disk
     Image.fromarray(codes).save(content, "JPEG", quality=95, subsampling=0, exif=exif)
-    path.write_bytes(content.getbuffer())
+    path.write_bytes(content.getvalue())
 
 
 def _first_line(text: str) -> str:
