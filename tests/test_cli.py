@@ -479,9 +479,9 @@ def test_info_describes_results(swept, tmp_path):
     "arguments",
     [
         ("info", "x" * 300 + ".png"),
-        ("solve", "x" * 300 + ".png", "--plate", "p.png", "--out", "o"),
+        ("solve", "x" * 300 + ".png", "--plate", "examples/plain/plate.png", "--out", "o"),
         ("render", "x" * 300, "--out", "o"),
-        ("paints", "layer.exr", "--color", "#ff0000", "--out", "x" * 300),
+        ("render", "easy", "--out", "x" * 300),
     ],
 )
 def test_names_file_whose_name_is_too_long(arguments):
