@@ -16,12 +16,12 @@ from urllib.parse import unquote, urljoin, urlsplit
 
 PHONE, DESK = 390, 1280  # pixels
 _SIZES = {"phone": (PHONE, 844), "desk": (DESK, 800)}
-# Pixels by which the text is wider than a box around it: the theme scrolls an inner box, not the page.
+# Pixels by which the content of a box that scrolls is wider than it: the theme has one inside the page.
 _EXCESS = """() => {
   let excess = 0;
-  const text = document.querySelector("article") ?? document.body;
-  for (let box = text; box; box = box.parentElement)
-    excess = Math.max(excess, box.scrollWidth - box.clientWidth);
+  for (let box = document.querySelector("article") ?? document.body; box; box = box.parentElement)
+    if (getComputedStyle(box).overflowX !== "visible")
+      excess = Math.max(excess, box.scrollWidth - box.clientWidth);
   return excess;
 }"""
 
