@@ -59,6 +59,7 @@ def test_pixels_that_cannot_be_inflated_are_damage(tmp_path, ramp, make_png, cap
         zlib.compress(raw[:-1]),
         whole[:-4] + b"abcd",
         whole[: len(whole) // 2],
+        zlib.compress(b"\x09" + raw[1:]),  # a filter that does not exist
     ):
         path.write_bytes(with_pixels(png, stream))
         with pytest.raises(FileError, match="the PNG is damaged or truncated"):

@@ -334,8 +334,8 @@ def _colors_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
 
 
 def _silent(form: Format) -> AbstractContextManager[None]:
-    """OpenImageIO's libraries for JPEG and its gain maps print what is wrong with a file."""
-    return silent_libraries() if form is JPEG else nullcontext()
+    """OpenImageIO's libraries for PNG, JPEG and its gain maps print what is wrong with a file."""
+    return silent_libraries() if form in (PNG, JPEG) else nullcontext()
 
 
 def _open(path: Path, form: Format, max_pixels: int) -> tuple[Any, Any]:
