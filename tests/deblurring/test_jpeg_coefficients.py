@@ -34,7 +34,7 @@ def stored(codes, sampling, quality=95):
 def test_multiples_of_luma_and_chroma_have_the_same_noise():
     """Rounding of 2 x 2 pixels that share a chroma sample, and of one that has its own luma."""
     data, _ = stored(smooth((48, 64)), "4:2:0")
-    z = Coefficients(compression_of(data, 1), (48, 64))
+    z = Coefficients(compression_of(data), (48, 64))
     T = z.equally_noisy
     assert np.linalg.norm(T) == pytest.approx(np.sqrt(3))
     variances = [np.mean(q) for q in z.step_variances] * np.array([1, 4, 4])
@@ -45,7 +45,7 @@ def test_multiples_of_luma_and_chroma_have_the_same_noise():
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 def test_coefficients_of_a_decoded_file_are_those_that_it_stores(sampling):
     data, decoded = stored(smooth((48, 64)), sampling)
-    z = Coefficients(compression_of(data, 1), (48, 64))
+    z = Coefficients(compression_of(data), (48, 64))
     file, step_variances = read_jpeg(data), z.step_variances
     for c, found in enumerate(z.stored(decoded - 128)):
         rows, columns, _ = file.blocks(c).shape
@@ -58,7 +58,7 @@ def test_coefficients_of_a_decoded_file_are_those_that_it_stores(sampling):
 
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 def test_a_part_of_a_picture_has_the_coefficients_of_its_light_in_the_whole(sampling):
-    compression = compression_of(stored(smooth((64, 64)), sampling)[0], 1)
+    compression = compression_of(stored(smooth((64, 64)), sampling)[0])
     part, whole = np.zeros((20, 24, 3)), np.zeros((64, 64, 3))
     part += smooth((20, 24)) - 128
     whole[19:39, 13:37] = part
@@ -68,7 +68,7 @@ def test_a_part_of_a_picture_has_the_coefficients_of_its_light_in_the_whole(samp
 
 
 def test_adjoint_and_variances_are_those_of_the_matrix():
-    compression = compression_of(stored(smooth((32, 32)), "4:2:0")[0], 1).cropped(3, 5)
+    compression = compression_of(stored(smooth((32, 32)), "4:2:0")[0]).cropped(3, 5)
     z = Coefficients(compression, (12, 9))
     rng = np.random.default_rng(1)
     x, variance = rng.normal(size=(12, 9, 3)), rng.uniform(0.5, 2, (12, 9, 3))
@@ -85,5 +85,5 @@ def test_adjoint_and_variances_are_those_of_the_matrix():
 def test_chroma_after_a_file_is_that_of_a_file_with_small_steps(sampling):
     codes = smooth((32, 48), seed=2)
     data, decoded = stored(codes, sampling, quality=100)
-    seen = Coefficients(compression_of(data, 1), (32, 48)).seen(codes)
+    seen = Coefficients(compression_of(data), (32, 48)).seen(codes)
     assert np.sqrt(np.mean((seen - decoded) ** 2)) < 1.0

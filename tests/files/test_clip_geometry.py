@@ -55,7 +55,7 @@ def test_pixels_are_shown_where_the_matrix_puts_them(name, scale):
     orientation = orientation_of("a.mp4", frame)
     assert np.array_equal(orientation.upright(stored), right)
     assert np.array_equal(orientation.stored(right), stored)
-    assert orientation.size(frame) == right.shape[::-1]
+    assert orientation.size(frame.width, frame.height) == right.shape[::-1]
     (first_y,), (first_x,) = (at[right == stored[0, 0]] for at in np.indices(right.shape))
     (next_y,), (next_x,) = (at[right == stored[1, 0]] for at in np.indices(right.shape))
     assert DIRECTIONS[orientation.readout] == (next_x - first_x, next_y - first_y)

@@ -15,11 +15,11 @@ from blurmatte.calibration import fit_noise
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError, PlateError
 from blurmatte.files import read, read_layer, read_solution, write
-from blurmatte.files.raster import readout_of
 from blurmatte.files.raw import _to_srgb
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors
 from blurmatte.radiometry.mosaic import demosaic
+from blurmatte.radiometry.orientation import exif_orientation
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.streaks import find_streaks
 from blurmatte.trajectory import Trajectory
@@ -161,7 +161,7 @@ def test_orientation_agrees_with_libraw(tmp_path, make_dng, orientation):
     path = make_dng(tmp_path / "a.dng", codes, orientation=orientation)
     image = read(path)
     assert image.size == ((24, 30) if orientation > 4 else (30, 24))
-    assert image.meta.readout == readout_of(orientation)
+    assert image.meta.readout == exif_orientation(orientation).readout
     assert_allclose(image.rgb[INSIDE], by_libraw(path)[INSIDE], atol=4e-5)
 
 

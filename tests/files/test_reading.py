@@ -14,9 +14,10 @@ import blurmatte as bm
 from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
-from blurmatte.files.raster import as_stored, save_pixels
+from blurmatte.files.raster import save_pixels
 from blurmatte.jpeg import jpeg_bytes, read_jpeg
 from blurmatte.radiometry import SRGB
+from blurmatte.radiometry.orientation import exif_orientation
 
 EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
@@ -321,7 +322,7 @@ def test_jpeg_compression_is_read_in_every_orientation(tmp_path, orientation, ch
     y, x = np.mgrid[:75, :83] / 80
     before = np.stack([0.3 + 0.4 * x, 0.5 + 0.2 * np.sin(9 * y), 0.4 + 0.3 * x * y], axis=-1)
     before[(x + y) > 1] = (0.8, 0.35, 0.15)
-    stored = as_stored(np.rint(255 * before).astype(np.uint8), orientation)
+    stored = exif_orientation(orientation).stored(np.rint(255 * before).astype(np.uint8))
     exif = Image.Exif()
     exif[0x0112] = orientation
     path = tmp_path / "a.jpg"

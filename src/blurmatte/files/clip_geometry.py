@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Direction
+from blurmatte.checks import Array
 from blurmatte.errors import FileError
+from blurmatte.radiometry.orientation import Orientation
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
 _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unknown
@@ -27,37 +27,6 @@ _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unkno
 _TO_BT709 = (
     "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
 )
-
-
-@dataclass(frozen=True)
-class Orientation:
-    """How stored frames become upright: transposed first, then flipped."""
-
-    transposed: bool = False  # true if rows become columns
-    # True if the (transposed) frame is flipped along x, along y
-    left_right: bool = False
-    upside_down: bool = False
-
-    def size(self, frame: Any) -> tuple[int, int]:
-        """Width and height of an upright `VideoFrame`."""
-        return (frame.height, frame.width) if self.transposed else (frame.width, frame.height)
-
-    @property
-    def readout(self) -> Direction:
-        """Where the next stored row lies in the upright frame."""
-        if self.transposed:
-            return "left" if self.left_right else "right"
-        return "up" if self.upside_down else "down"
-
-    def upright(self, codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """(H, W, …) pixels as they are shown; a view."""
-        shown = np.swapaxes(codes, 0, 1) if self.transposed else codes
-        return shown[:: -1 if self.upside_down else 1, :: -1 if self.left_right else 1]
-
-    def stored(self, codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        """The inverse of `upright`."""
-        codes = codes[:: -1 if self.upside_down else 1, :: -1 if self.left_right else 1]
-        return np.swapaxes(codes, 0, 1) if self.transposed else codes
 
 
 def side_data_of(frame: Any, name: str) -> Any | None:

@@ -18,7 +18,6 @@ from blurmatte.checks import Array, Bools, Box, Floats, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
-    Orientation,
     check_progressive,
     orientation_of,
     siting_against,
@@ -34,6 +33,7 @@ from blurmatte.radiometry.coded import CodedFrame, RgbCodes
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.radiometry.image import LinearImage, Meta
+from blurmatte.radiometry.orientation import Orientation
 from blurmatte.radiometry.transfer import REC709, Transfer
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
@@ -106,7 +106,7 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         bits = max(part.bits for part in first.format.components)
         return Clip(
             path=path,
-            size=orientation.size(first),
+            size=orientation.size(first.width, first.height),
             timing=timing,
             orientation=orientation,
             rotation=first.rotation,
@@ -355,7 +355,7 @@ def _decoded(clip: Clip, numbers: range, keep_open: bool = False) -> Iterator[tu
 def _checked(clip: Clip, number: int, frame: Any) -> Any:
     """The frame; raises FileError unless it is like the first one."""
     check_progressive(clip.path, frame, 0)
-    size = clip.orientation.size(frame)
+    size = clip.orientation.size(frame.width, frame.height)
     # The display matrix itself is in `side_data`, which would keep every frame in memory.
     if size != clip.size or frame.rotation != clip.rotation:
         raise FileError(

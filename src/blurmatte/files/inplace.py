@@ -26,7 +26,7 @@ from blurmatte.files.metadata import (
     save_png,
     save_tiff,
 )
-from blurmatte.files.raster import Raster, as_stored, load
+from blurmatte.files.raster import Raster, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
 from blurmatte.formats import EXR, JPEG, MAX_PIXELS, RAW, Writes, written
@@ -143,14 +143,14 @@ def _check_holds(raster: Raster, extension: str) -> None:
 
 
 def _save_pixels(target: Path, raster: Raster, upright: npt.NDArray[Any], changed: Bools) -> None:
-    pixels, extension = as_stored(upright, raster.orientation), extension_of(target)
+    pixels, extension = raster.orientation.stored(upright), extension_of(target)
     with replacing(target, extension) as temporary:
         if extension == ".png":
             save_png(temporary, raster, pixels)
         elif extension == ".tif":
             save_tiff(temporary, raster, pixels)
         elif raster.format is JPEG:
-            _save_same_jpeg(temporary, raster, pixels, as_stored(changed, raster.orientation))
+            _save_same_jpeg(temporary, raster, pixels, raster.orientation.stored(changed))
         else:
             save_new_jpeg(temporary, raster, pixels)
 

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Codes8, Direction, Floats32
+from blurmatte.checks import Bools, Codes8, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files import fits
 from blurmatte.files.errors import (
@@ -39,6 +39,7 @@ from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import BMP, EXR, FITS, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
 from blurmatte.jpeg import JpegError, check_header, metadata_segments
+from blurmatte.radiometry.orientation import Orientation, exif_orientation
 
 # Other attributes are not read: they may hold text in an unknown encoding.
 _TAGS = (
@@ -105,9 +106,9 @@ class Raster:
         return not self.tags.get("oiio:UnassociatedAlpha", 0)
 
     @property
-    def orientation(self) -> int:
-        """The EXIF orientation of the stored pixels; 1 is upright."""
-        return int(self.tags.get("Orientation", 1))
+    def orientation(self) -> Orientation:
+        """That of the stored pixels."""
+        return exif_orientation(self.tags.get("Orientation", 1))
 
     @property
     def colors(self) -> npt.NDArray[Any]:
@@ -165,8 +166,7 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
     if form is not EXR:
         tags |= _colors_of_exif(_exif_block(path, form, png), page)
     pixels, inside = _full_picture(pixels, spec)
-    orientation = int(tags.get("Orientation", 1))
-    pixels, inside = upright(pixels, orientation), upright(inside, orientation)
+    pixels, inside = _upright((pixels, inside), tags)
     return Raster(path, form, pixels, kept, inside, tags, png, page)
 
 
@@ -177,7 +177,7 @@ def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
     tags |= {"ICCProfile": photo.profile} if photo.profile else {}
     tags |= {CICP: photo.cicp} if photo.cicp else {}
     tags |= _colors_of_exif(photo.exif, 0) | _numbers_of_exif(photo.exif)
-    pixels = upright(photo.pixels, tags.get("Orientation", 1))
+    (pixels,) = _upright((photo.pixels,), tags)
     inside = np.ones(pixels.shape[:2], bool)
     return Raster(
         *(path, form, pixels, photo.names, inside, tags, None, 0),
@@ -395,24 +395,10 @@ def _full_picture(pixels: npt.NDArray[Any], spec: Any) -> tuple[npt.NDArray[Any]
     return whole, inside
 
 
-def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Rotate and mirror stored pixels by their EXIF orientation."""
-    turns = {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
-    turned = np.rot90(pixels, turns)
-    if orientation in (2, 4, 5, 7):
-        turned = turned[:, ::-1]
-    return np.ascontiguousarray(turned)
-
-
-def readout_of(orientation: int) -> Direction:
-    """Where the next stored row lies in a picture that is turned upright by an EXIF orientation."""
-    turned: dict[int, Direction] = {3: "up", 4: "up", 5: "right", 6: "left", 7: "left", 8: "right"}
-    return turned.get(orientation, "down")
-
-
-def as_stored(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Rotate and mirror upright pixels for a file with this EXIF orientation."""
-    return upright(pixels, {6: 8, 8: 6}.get(orientation, orientation))
+def _upright(stored: Sequence[npt.NDArray[Any]], tags: Mapping[str, Any]) -> list[npt.NDArray[Any]]:
+    """Stored arrays of pixels turned by the orientation of the file."""
+    turn = exif_orientation(tags.get("Orientation", 1))
+    return [np.ascontiguousarray(turn.upright(pixels)) for pixels in stored]
 
 
 def save_pixels(

@@ -25,12 +25,12 @@ from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.exif import TiffTag
-from blurmatte.files.raster import readout_of, upright
 from blurmatte.formats import MAX_PIXELS
 from blurmatte.radiometry.color_space import Matrix3
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
 from blurmatte.radiometry.noise_model import NoiseModel
+from blurmatte.radiometry.orientation import exif_orientation
 
 Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]
@@ -110,11 +110,12 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
         light, valid, shares = _of_three(path, raw, directories, black, white)
     else:
         light, valid, shares = _of_mosaic(path, raw, black, white)
-    turn = _ORIENTATION[raw.sizes.flip & 7]
+    turn = exif_orientation(_ORIENTATION[raw.sizes.flip & 7])
     noise = _noise(directories, shares)
     meta = _meta(path, raw, directories, round(white - black.max()) + 1)
-    meta = replace(meta, readout=readout_of(turn))
-    return LinearImage(upright(light, turn), noise, upright(valid, turn), meta)
+    meta = replace(meta, readout=turn.readout)
+    light, valid = (np.ascontiguousarray(turn.upright(pixels)) for pixels in (light, valid))
+    return LinearImage(light, noise, valid, meta)
 
 
 def _levels(path: Path, raw: Any, directories: Sequence[Tags]) -> tuple[Floats, float]:

@@ -16,7 +16,7 @@ from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb
 from blurmatte.files.errors import check_premultiplied, format_of
 from blurmatte.files.exr import with_exr_parts
 from blurmatte.files.icc import Profile
-from blurmatte.files.raster import Raster, load, readout_of
+from blurmatte.files.raster import Raster, load
 from blurmatte.files.raw import read_raw
 from blurmatte.formats import JPEG, MAX_PIXELS, RAW
 from blurmatte.jpeg import compression_of
@@ -258,7 +258,7 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         converted=encoding is not None and encoding.matrix is not None,
         compression=compression if same_primaries else None,
         subsampled=raster.subsampled or (compression is not None and max(compression.shared) > 1),
-        readout=readout_of(raster.orientation),
+        readout=raster.orientation.readout,
     )
 
 

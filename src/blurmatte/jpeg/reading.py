@@ -7,13 +7,9 @@ from blurmatte.jpeg import entropy
 from blurmatte.jpeg.coefficients import ZIGZAG, Jpeg, JpegError, block_numbers, scan_order
 from blurmatte.jpeg.segments import Marker, Scan, Segments, is_rgb
 from blurmatte.radiometry.compression import Compression
+from blurmatte.radiometry.orientation import Orientation
 
-# EXIF orientation to (transpose, then mirror left-right, then mirror top-bottom).
-_ORIENTATIONS = {
-    1: (False, False, False), 2: (False, True, False), 3: (False, True, True),
-    4: (False, False, True), 5: (True, False, False), 6: (True, True, False),
-    7: (True, True, True), 8: (True, False, True),
-}  # fmt: skip
+_UPRIGHT = Orientation()
 
 
 def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
@@ -42,7 +38,7 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
     return Jpeg(tuple(segments.metadata), segments.size, segments.components, tables, coefficients)
 
 
-def compression_of(data: bytes, orientation: int = 1) -> Compression | None:
+def compression_of(data: bytes, orientation: Orientation = _UPRIGHT) -> Compression | None:
     """The quantization and chroma subsampling of a JPEG file, as of the upright picture.
 
     None for gray pictures, for RGB channels, for chroma subsampled by more than 2 x 2, and for
@@ -63,14 +59,13 @@ def compression_of(data: bytes, orientation: int = 1) -> Compression | None:
     return _upright(Compression(luma, chroma, sampling[0]), segments.size, orientation)
 
 
-def _upright(stored: Compression, size: tuple[int, int], orientation: int) -> Compression:
-    """The compression of the picture after rotation to its EXIF orientation."""
-    transposed, mirrored, upside_down = _ORIENTATIONS.get(orientation, _ORIENTATIONS[1])
-    if transposed:
+def _upright(stored: Compression, size: tuple[int, int], orientation: Orientation) -> Compression:
+    """The compression of the picture after rotation to its orientation."""
+    if orientation.transposed:
         stored, size = stored.transposed(), size[::-1]
-    if mirrored:
+    if orientation.left_right:
         stored = stored.mirrored(size[0])
-    if upside_down:
+    if orientation.upside_down:
         stored = stored.transposed().mirrored(size[1]).transposed()
     return stored
 
