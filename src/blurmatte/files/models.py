@@ -15,6 +15,7 @@ from blurmatte.files.documents import (
     MAX_FLOAT,
     covariance_matrix,
     document,
+    mapping_to_json,
     numbers,
     parse_json,
     read_json,
@@ -40,17 +41,14 @@ def model_to_json(model: ColorModel) -> str:
     fields: dict[str, Any] = {
         "rank": model.rank,
         "color": model.color,
-        "hex": list(model.hex),
-        "basis": model.basis.tolist(),
-        "covariance": model.covariance.tolist(),
-        "evidence": {k: v if math.isfinite(v) else None for k, v in model.evidence.items()},
+        "hex": model.hex,
+        "basis": model.basis,
+        "covariance": model.covariance,
+        "evidence": model.evidence,
+        "to_srgb": model.to_srgb,
+        "mean": model.mean,
     }
-    if model.to_srgb is not None:
-        fields["to_srgb"] = [list(row) for row in model.to_srgb]
-    if model.mean is not None:
-        fields["mean"] = model.mean.tolist()
-    lines = (f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in fields.items())
-    return "{\n" + ",\n".join(lines) + "\n}"
+    return mapping_to_json({name: value for name, value in fields.items() if value is not None})
 
 
 def read_color_model(path: str | Path) -> ColorModel:

@@ -8,8 +8,8 @@ import io
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Codes, Codes8, Floats
-from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Transfer
+from blurmatte.checks import Codes, Codes8, Floats
+from blurmatte.radiometry import SRGB, YCBCR, Transfer
 
 FULL_CHROMA = "4:4:4"
 CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
@@ -46,37 +46,15 @@ def rounded(values: Floats, bits: int) -> Codes:
     return codes.astype(np.uint16)
 
 
-def to_ycbcr(values: Floats) -> tuple[Floats, Floats, Floats]:
-    """Y', Cb and Cr (H, W) of code values (H, W, 3); of 0…1, chroma is -0.5…0.5."""
-    red, green, blue = LUMA_WEIGHTS
-    R, G, B = np.moveaxis(values, -1, 0)
-    Y = red * R + green * G + blue * B
-    return Y, (B - Y) / (2 - 2 * blue), (R - Y) / (2 - 2 * red)
-
-
-def from_ycbcr(Y: Floats, Cb: Floats, Cr: Floats) -> Floats:
-    """Code values (H, W, 3), the inverse of `to_ycbcr`."""
-    red, green, blue = LUMA_WEIGHTS
-    R, B = Y + (2 - 2 * red) * Cr, Y + (2 - 2 * blue) * Cb
-    return np.stack([R, (Y - red * R - blue * B) / green, B], axis=-1)
-
-
-def ycbcr_variance(variance: Floats) -> Array:
-    """Variance of Y', Cb and Cr (..., 3) for independent noise of `variance` (..., 3) in R'G'B'."""
-    rows = np.stack(to_ycbcr(np.eye(3)[None]), axis=-1)[0]  # [of R', G', B'; to Y', Cb, Cr]
-    return np.asarray(variance @ rows**2)
-
-
 def subsample_chroma(values: Floats, chroma: str, steps: int) -> Floats:
     """Code values after chroma subsampling, as in uncompressed video.
 
     Cb and Cr are averaged over each pair or block, all three components are rounded to `steps` steps,
     and chroma is interpolated linearly between the block centers. The result may leave 0…1 slightly.
     """
-    Y, Cb, Cr = to_ycbcr(values)
-    return from_ycbcr(
-        _quantized(Y, steps), _subsampled(Cb, chroma, steps), _subsampled(Cr, chroma, steps)
-    )
+    Y, Cb, Cr = np.moveaxis(values @ YCBCR.T, -1, 0)
+    parts = _quantized(Y, steps), *(_subsampled(c, chroma, steps) for c in (Cb, Cr))
+    return np.asarray(np.stack(parts, axis=-1) @ np.linalg.inv(YCBCR).T)
 
 
 def _quantized(x: Floats, steps: int) -> Floats:

@@ -11,9 +11,8 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Floats, check_light, check_not_negative, check_positive
-from blurmatte.radiometry import NoiseModel
+from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, NoiseModel
 from blurmatte.radiometry.mosaic import demosaic, tiled
-from blurmatte.rendering.codes import from_ycbcr, to_ycbcr, ycbcr_variance
 
 Rng = int | np.random.Generator
 
@@ -83,13 +82,13 @@ def tone_curve(values: Floats, tone: float) -> Array:
 
 
 def _denoised(values: Array, variance: Floats, strength: float) -> Array:
-    Y, Cb, Cr = to_ycbcr(values)
-    of_Y, of_Cb, of_Cr = np.moveaxis(ycbcr_variance(variance), -1, 0)
-    Y = _guided_filter(Y, of_Y, strength, window=5)
-    Cb, Cr = (
-        _guided_filter(x, of_x, 2 * strength, window=9) for x, of_x in ((Cb, of_Cb), (Cr, of_Cr))
-    )
-    return np.asarray(from_ycbcr(Y, Cb, Cr))
+    ycbcr, variance = values @ YCBCR.T, variance @ YCBCR.T**2
+    filters = (1, 5), (2, 9), (2, 9)  # factor of the threshold, and window, of Y', Cb and Cr
+    parts = [
+        _guided_filter(ycbcr[..., c], variance[..., c], factor * strength, window)
+        for c, (factor, window) in enumerate(filters)
+    ]
+    return np.asarray(np.stack(parts, axis=-1) @ np.linalg.inv(YCBCR).T)
 
 
 def _guided_filter(x: Floats, variance: Floats, strength: float, window: int) -> Floats:
@@ -110,7 +109,7 @@ def _window_mean(x: Floats, window: int) -> Floats:
 
 
 def _sharpened(values: Array, amount: float, radius: float) -> Array:
-    Y, _, _ = to_ycbcr(values)
+    Y = values @ np.array(LUMA_WEIGHTS)
     return np.asarray(values + amount * (Y - scipy.ndimage.gaussian_filter(Y, radius))[..., None])
 
 

@@ -1,7 +1,7 @@
 """Truth of a scene and answer of a program, read from their folders, and the score: its errors."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -30,22 +30,11 @@ from blurmatte.radiometry import LINEAR, SRGB, LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory
 
-_HEADINGS = {
-    "answered": "answered",
-    "alpha RMSE": "alpha_rmse",
-    "SAD": "alpha_sad",
-    "gradient": "alpha_gradient_error",
-    "sum bias": "alpha_sum_bias",
-    "false alpha": "false_alpha",
-    "light RMSE": "premultiplied_rmse",
-    "color units": "color_units",
-    "degrees": "color_degrees",
-    "PSNR": "recomposite_psnr",
-    "spread": "alpha_spread",
-    "TIoU": "trajectory_iou",
-    "sub-PSNR": "subframe_psnr",
-    "sub-SSIM": "subframe_ssim",
-}
+# Of the fields of Score, in their order.
+_HEADINGS = (
+    *("answered", "alpha RMSE", "SAD", "gradient", "sum bias", "false alpha", "light RMSE"),
+    *("color units", "degrees", "PSNR", "spread", "TIoU", "sub-PSNR", "sub-SSIM"),
+)
 LAYER_FILES = ("layer.exr", "layer.png", "layer.tif", "alpha.png")
 
 
@@ -318,7 +307,7 @@ def score_table(scores: Mapping[str, Score]) -> str:
     if len(scores) > 1:
         every = list(scores.values())
         rows.append(["mean", *_cells(mean_score(every))])
-        rows.append(["std error", *(_error_cell(name, every) for name in _HEADINGS.values())])
+        rows.append(["std error", *(_error_cell(f.name, every) for f in fields(Score))])
     shown = [i for i in range(len(rows[0])) if any(row[i] != "-" for row in rows[1:])]
     widths = {i: max(len(row[i]) for row in rows) for i in shown}
     return "\n".join(
@@ -333,7 +322,7 @@ def _check_score(score: Score) -> None:
 
 def _cells(score: Score) -> list[str]:
     _check_score(score)
-    return [_cell(getattr(score, name)) for name in _HEADINGS.values()]
+    return [_cell(value) for value in astuple(score)]
 
 
 def _cell(value: float | bool | None) -> str:
