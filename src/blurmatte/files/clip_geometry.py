@@ -10,7 +10,6 @@ plate instead of L, its whole texture determines δ.
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,10 @@ import numpy as np
 from blurmatte.checks import Array
 from blurmatte.errors import FileError
 from blurmatte.radiometry.orientation import Orientation
+from blurmatte.radiometry.video_filters import filter_graph
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
 _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unknown
-# 4:2:0 shares the chroma of two columns at the left one: players and cameras assume this where it is
-# not stated (ITU-T H.264, figure E-1). FFmpeg alone would put it between the columns.
-_TO_BT709 = (
-    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
-)
 
 
 def side_data_of(frame: Any, name: str) -> Any | None:
@@ -85,24 +80,6 @@ def check_progressive(path: Path, frame: Any, field_order: int) -> None:
             f"{path}: deinterlace it (ffmpeg -i … -vf bwdif), or mark it as progressive if it is (-vf "
             "setfield=prog); its frames are interlaced: two fields, half a frame apart in time"
         )
-
-
-def filter_graph(frame: Any, *filters: tuple[str, str]) -> Any:
-    """A graph of named filters with their options for frames like this `VideoFrame`."""
-    from av.filter import Graph
-
-    graph = Graph()
-    source = graph.add_buffer(
-        width=frame.width, height=frame.height, format=frame.format, time_base=Fraction(1)
-    )
-    parts = (source, *(graph.add(*one) for one in filters), graph.add("buffersink"))
-    graph.link_nodes(*parts).configure()
-    return graph
-
-
-def rec709_converter(frame: Any, pixels: str) -> Any:
-    """A graph that converts R'G'B' frames like this one to Y'CbCr of Rec. 709."""
-    return filter_graph(frame, ("scale", _TO_BT709), ("format", pixels))
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import numpy as np
 
 from blurmatte.checks import Codes8
 from blurmatte.errors import BlurmatteError
+from blurmatte.radiometry.video_filters import rec709_converter
 from blurmatte.rendering.codes import check_8_bit_codes
 
 _RATE = Fraction(30)  # frames per second; the rate control of a constant crf depends on it
@@ -61,9 +62,12 @@ def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
         # Rec. 709 in ITU-T H.273
         context.color_primaries = context.color_trc = context.colorspace = 1
         context.color_range = ColorRange.MPEG
-        converter = _converter(stream.width, stream.height)
-        for number, codes in enumerate(pictures):
-            source = av.VideoFrame.from_ndarray(np.pad(codes, even, mode="edge"), format="rgb24")
+        sources = [
+            av.VideoFrame.from_ndarray(np.pad(codes, even, mode="edge"), format="rgb24")
+            for codes in pictures
+        ]
+        converter = rec709_converter(sources[0], stream.pix_fmt)
+        for number, source in enumerate(sources):
             source.pts, source.time_base = number, 1 / _RATE
             converter.push(source)
             frame: Any = converter.pull()
@@ -71,23 +75,6 @@ def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
             target.mux(stream.encode(frame))
         target.mux(stream.encode())
     return file.getvalue()
-
-
-def _converter(width: int, height: int) -> Any:
-    """Filter graph from R'G'B' to Y'CbCr of Rec. 709, 4:2:0 with chroma sited left."""
-    from av import VideoFormat
-    from av.filter import Graph
-
-    options = "flags=bicubic+accurate_rnd:out_color_matrix=bt709"
-    graph, rgb = Graph(), VideoFormat("rgb24")
-    parts = (
-        graph.add_buffer(width=width, height=height, format=rgb, time_base=1 / _RATE),
-        graph.add("scale", f"{options}:out_range=limited:out_chroma_loc=left"),
-        graph.add("format", "yuv420p"),
-        graph.add("buffersink"),
-    )
-    graph.link_nodes(*parts).configure()
-    return graph
 
 
 def _decoded(file: bytes) -> list[Codes8]:
