@@ -12,7 +12,7 @@ import io
 import re
 import struct
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,7 +90,7 @@ def read_metadata(raster: Raster) -> Metadata:
     return readers.get(raster.format, _read_others)(raster)
 
 
-def current_segments(segments: tuple[bytes, ...]) -> tuple[bytes, ...]:
+def current_segments(segments: Iterable[bytes]) -> tuple[bytes, ...]:
     """The metadata segments of a JPEG without thumbnails and statements about further pictures."""
     current = []
     for segment in segments:
@@ -219,12 +219,12 @@ def _png_text(data: bytes) -> bytes:
 
 def _read_jpeg(raster: Raster) -> Metadata:
     exif, xmp, dpi = b"", b"", None
-    for segment in metadata_segments(raster.path.read_bytes()):
+    for segment in current_segments(metadata_segments(raster.path.read_bytes())):
         kind, body = segment[1], segment[4:]
         if kind == 0xE1 and body.startswith(EXIF_MARK) and not exif:
-            exif = without_thumbnail(body[len(EXIF_MARK) :])
+            exif = body[len(EXIF_MARK) :]
         elif kind == 0xE1 and body.startswith(_XMP_MARK):
-            xmp = xmp_of_one_picture(body[len(_XMP_MARK) :])
+            xmp = body[len(_XMP_MARK) :]
         elif kind == 0xE0 and body.startswith(b"JFIF\0") and body[7:8] in (b"\1", b"\2"):
             x, y = struct.unpack(">2H", body[8:12])
             unit = 1 if body[7] == 1 else 2.54

@@ -77,23 +77,15 @@ class Segments:
 
         Raises JpegError if the file is damaged or not supported.
         """
-        while True:
-            marker, at = _marker(self.data, at)
-            if marker == Marker.EOI:
-                return None
-            if at + 2 > len(self.data):
-                raise JpegError("the JPEG is truncated")
-            end = at + int.from_bytes(self.data[at : at + 2])
-            if end > len(self.data) or end < at + 2:
-                raise JpegError("the JPEG is truncated")
-            body = self.data[at + 2 : end]
+        for marker, begin, end in _segments(self.data, at):
+            body = self.data[begin + 2 : end]
             try:
                 if marker == Marker.SOS:
                     return self._scan(body, end)
                 self._parse(marker, body)
             except (struct.error, IndexError) as error:
                 raise JpegError("the JPEG is damaged (a segment is too short)") from error
-            at = end
+        return None
 
     def check_complete(self) -> None:
         """Raise JpegError unless the scans contain every bit of every coefficient."""
@@ -221,29 +213,34 @@ def metadata_segments(data: bytes) -> list[bytes]:
     """The APPn and COM segments before the first scan, up to the first invalid segment."""
     found: list[bytes] = []
     with suppress(JpegError):
-        for marker, body in _before_scan(data):
+        for marker, at, end in _segments(data, 2):
+            if marker == Marker.SOS:
+                break
             if _is_metadata(marker):
-                found.append(struct.pack(">BB", 0xFF, marker) + body)
+                found.append(struct.pack(">BB", 0xFF, marker) + data[at:end])
     return found
 
 
 def check_header(data: bytes) -> None:
     """Raise JpegError if anything but segments precedes the first scan."""
-    for _ in _before_scan(data):
-        pass
+    for marker, _, _ in _segments(data, 2):
+        if marker == Marker.SOS:
+            return
 
 
-def _before_scan(data: bytes) -> Iterator[tuple[int, bytes]]:
-    """Markers before the first scan, and what follows each, with its length."""
-    at = 2
+def _segments(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
+    """The segments from the marker at `at` to the end of the picture, without the data of scans.
+
+    Each is a marker, and the offsets of its length and of its end.
+    """
     while True:
         marker, at = _marker(data, at)
-        if marker in (Marker.SOS, Marker.EOI):
+        if marker == Marker.EOI:
             return
         end = at + int.from_bytes(data[at : at + 2])
-        if end < at + 2:
-            raise JpegError("the JPEG is damaged (a segment has no length)")
-        yield marker, data[at:end]
+        if not at + 2 <= end <= len(data):
+            raise JpegError("the JPEG is truncated")
+        yield marker, at, end
         at = end
 
 
