@@ -28,6 +28,7 @@ DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
     "up": (0, -1),
 }
 MAX_PX = 1e6  # of places and lengths that are read
+MAX_GAIN = 1e3  # of a white balance, and from a channel of a camera to one of sRGB
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
 # What an object shows its numbers with; NumPy takes the first.
 _ARRAY_DOORS = "__array__", "__array_interface__", "__dlpack__"

@@ -6,14 +6,13 @@ from typing import Annotated, Any
 from pydantic import AfterValidator
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import Array
+from blurmatte.checks import MAX_LIGHT, Array
 from blurmatte.files.documents import document, numbers, read_json
 from blurmatte.radiometry import NoiseModel, Transfer
 from blurmatte.radiometry.transfer import TABLE
 from blurmatte.statistics import BLOCK_SIZES
 
 MAX_NOISE = 1e3  # gain and standard deviations, of white
-MAX_LIGHT = 1e6  # of a code value; white is 1
 
 _NOISE = "gain", "read_std", "relative_std"
 _TRANSFER_HINT = "give a file that blurmatte calibrate response wrote"

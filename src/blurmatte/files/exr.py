@@ -15,6 +15,7 @@ from typing import Annotated, Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import MAX_GAIN
 from blurmatte.errors import FileError
 from blurmatte.files.documents import DocumentError, numbers, parse_json
 from blurmatte.files.errors import VALID, VARIANCE
@@ -22,7 +23,6 @@ from blurmatte.files.raster import Raster
 from blurmatte.radiometry.color_space import light_in_srgb
 from blurmatte.radiometry.image import LinearImage
 
-MAX_GAIN = 1e3  # of a white balance, and from a channel of a camera to one of sRGB
 _CAMERA, _LAYERS = "blurmatte:camera", "blurmatte:light"
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Json
 
-from blurmatte.checks import MAX_LIGHT, MAX_PX, Array
+from blurmatte.checks import MAX_GAIN, MAX_LIGHT, MAX_PX, Array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.documents import (
@@ -30,7 +30,6 @@ from blurmatte.trajectory import Trajectory
 
 MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
 MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn
-MAX_GAIN = 1e3  # from a channel of a camera to one of sRGB
 
 
 def model_to_json(model: ColorModel) -> str:
