@@ -20,12 +20,7 @@ import scipy
 
 from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.normal_equations import (
-    Normal,
-    NormalEquations,
-    gradient_prior,
-    posterior,
-)
+from blurmatte.deblurring.normal_equations import Normal, NormalEquations, gradient_prior, posterior
 from blurmatte.deblurring.sphere import Sphere
 
 _MAX_CONTRAST = 10.0  # root mean square difference of neighbors, linear light
@@ -58,7 +53,7 @@ class GaussianFit:
 
 def fit_gaussian(equations: NormalEquations, lattice: Lattice | Sphere) -> GaussianFit:
     """The posterior for the likeliest strength."""
-    Q = gradient_prior(lattice, np.ones(len(lattice.edges)), equations.band.shape[2])
+    Q = gradient_prior(lattice, equations.width)
     bounds = -2 * np.log(_MAX_CONTRAST), -2 * np.log(_MIN_CONTRAST)
     best = scipy.optimize.minimize_scalar(
         lambda x: -fit_strength(equations, Q, np.exp(x)).log_evidence,

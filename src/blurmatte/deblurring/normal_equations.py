@@ -187,12 +187,11 @@ def posterior(equations: NormalEquations, prior: Array) -> Normal:
     return Normal(np.stack(mean, axis=1), factors)
 
 
-def gradient_prior(lattice: Lattice | Sphere, weight: Array, width: int) -> Array:
-    """The band (n, width) of Q: oᵀ Q o = Σ weight (oᵢ − oⱼ)² over the edges of a lattice."""
+def gradient_prior(lattice: Lattice | Sphere, width: int) -> Array:
+    """The band (n, width) of Q: oᵀ Q o = Σ (oᵢ − oⱼ)² over the edges of a lattice."""
     band, (i, j) = np.zeros((lattice.unknowns, width)), lattice.edges.T
-    for node in (i, j):
-        band[:, 0] += np.bincount(node, weight, lattice.unknowns)
-    band[i, j - i] = -weight
+    band[:, 0] = np.bincount(lattice.edges.ravel(), minlength=lattice.unknowns)
+    band[i, j - i] = -1
     return band
 
 

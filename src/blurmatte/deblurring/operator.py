@@ -21,6 +21,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Ints32
+from blurmatte.deblurring import operator_kernel, sphere_kernel
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
@@ -28,6 +29,8 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
 Sparse = Any  # scipy.sparse.csr_matrix
+# Of pixels in a ball's light: the first entry of each; moment, weight and normals of each entry
+Entries = tuple[npt.NDArray[np.int64], Ints32, Array, Array]
 
 MAX_STEP_PX = 0.5  # motion between two moments
 
@@ -51,7 +54,7 @@ class Poses:
         Centers, pixels of the picture.
     maps : (T, 2, 2) float
         From the body to the picture.
-    spin : Spin, optional
+    spin : Spin
         Of a ball that turns in space.
     """
 
@@ -59,7 +62,7 @@ class Poses:
     durations: Array
     xy: Array
     maps: Array
-    spin: Spin | None = None
+    spin: Spin
 
 
 def moment_count(
@@ -87,7 +90,8 @@ def poses_of(
     t = start + (end - start) * (np.arange(count) + 0.5) / count
     xy = sweep.family.at(sweep.path, t)[0]
     maps = sweep.silhouette.map_at(sweep.shape, t)
-    return Poses(t, np.full(count, sweep.silhouette.opacity / count), xy, maps, spin)
+    durations = np.full(count, sweep.silhouette.opacity / count)
+    return Poses(t, durations, xy, maps, spin or Spin(np.zeros(3)))
 
 
 def blur_operator(
@@ -98,20 +102,23 @@ def blur_operator(
     Columns are the unknowns of a lattice, or of a sphere if the poses have a spin.
     """
     poses = poses_of(sweep) if poses is None else poses
-    seen, field = seen_moments(sweep, pixels, poses), None
-    if isinstance(lattice, Sphere):
-        (first, columns, values), field = _rows_on_sphere(lattice, poses, seen)
-    else:
-        from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
-
-        first, columns, values = operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen))
-    A = scipy.sparse.csr_matrix((values, columns, first), shape=(len(first) - 1, lattice.size))
-    A = (
-        A
-        if field is None
-        else scipy.sparse.hstack([A, scipy.sparse.csr_matrix(field)], format="csr")
-    )
+    seen = seen_moments(sweep, pixels, poses)
+    if isinstance(lattice, Lattice):
+        A = sparse(operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen)), lattice.size)
+        return Blur(A, seen.alpha(poses.durations))
+    (first, moment, weight, normal), light, field = _on_sphere(poses, seen)
+    entries = first, moment, weight * light, normal
+    turns = poses.spin.turns(poses.t)
+    A = sparse(sphere_kernel.rows_of(entries, turns, lattice.node, lattice.size), lattice.size)
+    colored = scipy.sparse.csr_matrix(row_sums(first, weight, field))
+    A = scipy.sparse.hstack([A, colored], format="csr")
     return Blur(A, seen.alpha(poses.durations))
+
+
+def sparse(rows: tuple[Array, Array, Array], columns: int) -> Sparse:
+    """The matrix of compressed sparse rows of a kernel."""
+    first, column, values = rows
+    return scipy.sparse.csr_matrix((values, column, first), shape=(len(first) - 1, columns))
 
 
 def blurred(
@@ -123,8 +130,6 @@ def blurred(
     near: "Seen | None" = None,
 ) -> tuple[Array, Array]:
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
-    from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
-
     moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses, near))
     alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
     return np.asarray(alpha), np.asarray(sums)
@@ -154,8 +159,6 @@ class Seen(NamedTuple):
     @property
     def normals(self) -> Array:
         """(m, 3) unit normals of a ball at the covered moments."""
-        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
-
         normal: Array = sphere_kernel.normals_of(self.covered, self.xy, self.to_disc, self.width)
         return normal
 
@@ -169,8 +172,6 @@ class Seen(NamedTuple):
 
 def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses, near: Seen | None = None) -> Seen:
     """The moments at which pixels, or blocks of them, see the object: those of a near motion."""
-    from blurmatte.deblurring import operator_kernel  # SciPy is slow to import
-
     xy, soft = (poses.xy - np.array(pixels.origin)) / pixels.scale, sweep.softness / pixels.scale
     same = near is not None and np.array_equal(near.shape, sweep.shape)
     rim = near.rim if near and same else sweep.silhouette.rim(sweep.shape, pixels.scale)
@@ -191,18 +192,13 @@ def projected(
     Light (h w, 3, 1 + k) and (A spreadᵀ)ₚₚ (h w, 1 + k) of the spin's light on the ball, then of each
     of its harmonics, without the cost of storing A.
     """
-    from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
-
-    spin, seen = poses.spin or Spin(np.zeros(3)), seen_moments(sweep, pixels, poses)
-    first, moment, part = seen.covered
-    normal = seen.normals
-    middle = normal.mean(axis=1)
-    factors = np.concatenate([spin.light(middle)[:, None], harmonics(middle)], axis=1)
-    entries = first, moment, poses.durations[moment] * part, normal
-    light, total = sphere_kernel.projected(
-        entries, spin.turns(poses.t), sphere.node, factors, color, spread
-    )
-    field = row_sums(first, entries[2], factors[:, 1:])
+    seen = seen_moments(sweep, pixels, poses)
+    entries, by_spin, by_field = _on_sphere(poses, seen)
+    factors = np.concatenate([by_spin[:, None], by_field], axis=1)
+    turns = poses.spin.turns(poses.t)
+    light, total = sphere_kernel.projected(entries, turns, sphere.node, factors, color, spread)
+    first, _, weight, _ = entries
+    field = row_sums(first, weight, by_field)
     light[..., 0] += field @ color[sphere.size :]
     total[:, 0] += (field * spread[:, sphere.size :]).sum(axis=1)
     return seen.alpha(poses.durations), light, total
@@ -215,18 +211,10 @@ def row_sums(first: npt.NDArray[np.int64], weight: Array, values: Array) -> Arra
     return np.stack(sums, axis=1)
 
 
-def _rows_on_sphere(
-    sphere: Sphere, poses: Poses, seen: Seen
-) -> tuple[tuple[Array, Array, Array], Array]:
-    """Compressed sparse rows of a ball that spins, and the columns of its colored light."""
-    from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
-
-    spin = Spin(np.zeros(3)) if poses.spin is None else poses.spin
+def _on_sphere(poses: Poses, seen: Seen) -> tuple[Entries, Array, Array]:
+    """Entries of the kernels; the light (m,) of the spin and the harmonics (m, k) at each."""
     first, moment, part = seen.covered
     normal = seen.normals
-    weight, middle = poses.durations[moment] * part, normal.mean(axis=1)
-    rows: tuple[Array, Array, Array] = sphere_kernel.rows_of(
-        *(first, moment, weight * spin.light(middle), normal),
-        *(spin.turns(poses.t), sphere.node, sphere.size),
-    )
-    return rows, row_sums(first, weight, harmonics(middle))
+    middle = normal.mean(axis=1)
+    entries = first, moment, poses.durations[moment] * part, normal
+    return entries, poses.spin.light(middle), harmonics(middle)

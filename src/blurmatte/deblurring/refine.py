@@ -31,12 +31,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.deblurring.gaussian import (
-    GaussianFit,
-    fit_gaussian,
-    fit_strength,
-    refit_strength,
-)
+from blurmatte.deblurring.gaussian import GaussianFit, fit_gaussian, fit_strength, refit_strength
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
 from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
@@ -88,9 +83,7 @@ class Explained:
     def of_channels(self, lattice: Lattice | Sphere) -> NormalEquations:
         """The equations with the weights of each channel."""
         views = [replace(view, shared_weight=False) for view in self.views]
-        pairs = zip(views, self.blurs, strict=True)
-        weights = [view.weight(blur.alpha) for view, blur in pairs]
-        return _equations(views, self.blurs, weights, lattice)
+        return _equations(views, self.blurs, _weights(views, self.blurs), lattice)
 
 
 def explained(
@@ -103,9 +96,7 @@ def explained(
     Evidences of two motions compare under the same weights.
     """
     blurs = [view.blur(lattice) for view in views]
-    if weights is None:
-        pairs = zip(views, blurs, strict=True)
-        weights = [view.weight(blur.alpha) for view, blur in pairs]
+    weights = _weights(views, blurs) if weights is None else weights
     equations = _equations(views, blurs, weights, lattice)
     fit = fit_gaussian(equations, lattice)
     return Explained(tuple(views), tuple(blurs), tuple(weights), equations, fit)
@@ -115,9 +106,14 @@ def _moved(views: Sequence[View], first: Explained, lattice: Lattice | Sphere) -
     """Views with another motion, under the weights and the prior of the first state."""
     blurs = [view.blur(lattice) for view in views]
     equations = _equations(views, blurs, first.weights, lattice)
-    Q = gradient_prior(lattice, np.ones(len(lattice.edges)), equations.band.shape[2])
+    Q = gradient_prior(lattice, equations.width)
     fit = fit_strength(equations, Q, first.fit.strength)
     return Explained(tuple(views), tuple(blurs), first.weights, equations, fit)
+
+
+def _weights(views: Sequence[View], blurs: Sequence[Blur]) -> list[Array]:
+    """Of the pixels of each view."""
+    return [view.weight(blur.alpha) for view, blur in zip(views, blurs, strict=True)]
 
 
 def _equations(
@@ -156,7 +152,7 @@ def refined(
     state = replace(state, views=tuple(_at(views, _parameters(state.views), covariance)))
     if weights is None and isinstance(lattice, Lattice):
         state = _within_streak(state, lattice)
-    Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
+    Q = gradient_prior(lattice, state.equations.width)
     return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
 
 
@@ -193,10 +189,9 @@ def _likeliest(
 def _within_streak(state: Explained, lattice: Lattice | Sphere) -> Explained:
     """The equations of the pixels that see the object, with the refined error of alpha."""
     views = tuple(replace(v.with_error_of_alpha(), shared_weight=True) for v in state.views)
-    pairs = zip(views, state.blurs, strict=True)
-    weights = tuple(view.weight(blur.alpha) for view, blur in pairs)
+    weights = _weights(views, state.blurs)
     equations = _equations(views, state.blurs, weights, lattice)
-    return replace(state, views=views, weights=weights, equations=equations)
+    return replace(state, views=views, weights=tuple(weights), equations=equations)
 
 
 def _parameters(views: Sequence[View]) -> Array:

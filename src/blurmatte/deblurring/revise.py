@@ -66,13 +66,7 @@ class _BlockPicture:
     def refined(self, sweep: Sweep) -> Explained:
         """The light explained by the likeliest sweep from this one."""
         view = replace(self.view, sweep=sweep)
-        return refined(
-            [view],
-            self.lattice,
-            _MAX_STEPS,
-            self.weights,
-            _LEAST_GAIN,
-        )
+        return refined([view], self.lattice, _MAX_STEPS, self.weights, _LEAST_GAIN)
 
 
 @dataclass(frozen=True, eq=False)

@@ -175,13 +175,13 @@ def accumulate(entries, rotations, node, p, total, stamp, touched):  # type: ign
 
 
 @njit()
-def rows_of(first, moment, weight, normal, rotations, node, size):  # type: ignore[no-untyped-def]
+def rows_of(entries, rotations, node, size):  # type: ignore[no-untyped-def]
     """The operator as compressed sparse rows: first (pixels + 1,), columns, values; columns ascend.
 
     rotations (T, 3, 3) map the body to the camera's frame; weight (m,) has all factors but the
     interpolation.
     """
-    count, entries = len(first) - 1, (first, moment, weight, normal)
+    count = len(entries[0]) - 1
     total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
     begin = np.zeros(count + 1, np.int64)
     columns, values = np.empty(32 * count, np.int32), np.empty(32 * count)

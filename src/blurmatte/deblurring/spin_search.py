@@ -16,14 +16,22 @@ equations of the nodes and Schur complements for β and h.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools, Ints32
-from blurmatte.deblurring.normal_equations import gradient_prior
-from blurmatte.deblurring.operator import Seen, Sparse, poses_of, row_sums, seen_moments
+from blurmatte.checks import Array, Bools
+from blurmatte.deblurring import sphere_kernel
+from blurmatte.deblurring.operator import (
+    Entries,
+    Seen,
+    Sparse,
+    poses_of,
+    row_sums,
+    seen_moments,
+    sparse,
+)
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
@@ -44,11 +52,7 @@ _MAX_MODES = 2  # of each contrast
 _GLOSS_CELLS = 5  # of the lattice of highlights, 18° each
 _GLOSS_STD = 0.1  # of highlights at a node, linear light
 _FIELD_STD = 0.2  # of the coefficients of shading, linear light
-CONTRASTS = (
-    0.4,
-    0.15,
-    0.05,
-)  # of neighbors of the coarse lattice, linear light
+CONTRASTS = 0.4, 0.15, 0.05  # of neighbors of the coarse lattice, linear light
 NO_TEXTURE = 1e-3  # contrast of a ball of one paint
 
 
@@ -97,12 +101,9 @@ class Search:
     sphere : Sphere
     t : (T,) float
         Moments.
-    first : (m + 1,) int
-        First entry of each of m blocks.
-    moment, weight : (q,) int and float
-        Of each entry: the moment, and the part of the exposure.
-    normal : (q, 1, 3) float
-        Of each entry, in the middle of the block.
+    entries : tuple
+        Of m blocks, as arguments of the kernels: the first entry of each (m + 1,); moment, part of the
+        exposure (q,) and normal (q, 1, 3) in the middle of the block of each entry.
     P : (m, 3) float
         Premultiplied light of each block.
     W : (m,) float
@@ -111,10 +112,7 @@ class Search:
 
     sphere: Sphere
     t: Array
-    first: npt.NDArray[np.int64]
-    moment: Ints32
-    weight: Array
-    normal: Array
+    entries: Entries
     P: Array
     W: Array
 
@@ -133,64 +131,41 @@ class Search:
         weight = (view.weight(alpha) if weight is None else weight)[:, 0]
         use = weight > 0
         sphere = Sphere.of(sweep.radius, sweep.radius / NODES_PER_RADIUS)
-        return cls(
-            sphere,
-            poses.t,
-            *_entries(seen, use, count, view.spin),
-            view.light(alpha)[use],
-            weight[use],
-        )
-
-    @property
-    def entries(self) -> tuple[npt.NDArray[np.int64], Ints32, Array, Array]:
-        """Of all blocks, as arguments of the kernels."""
-        return self.first, self.moment, self.weight, self.normal
+        entries = _entries(seen, use, count, view.spin)
+        return cls(sphere, poses.t, entries, view.light(alpha)[use], weight[use])
 
     @cached_property
     def prior(self) -> Array:
         """(n, n) upper triangle of Q."""
-        n = self.sphere.size
-        band, whole = (
-            gradient_prior(self.sphere, np.ones(len(self.sphere.edges)), n),
-            np.zeros((n, n)),
-        )
-        for i in range(n):
-            whole[i, i:] = band[i, : n - i]
-        return whole
+        edges, n = self.sphere.edges, self.sphere.size
+        Q = np.diag(np.bincount(edges.ravel(), minlength=n).astype(float))
+        Q[edges[:, 0], edges[:, 1]] = -1
+        return Q
 
     @cached_property
     def C(self) -> Array:
         """(m, k) light of the harmonics."""
-        return row_sums(self.first, self.weight, harmonics(self.normal[:, 0]))
+        first, _, weight, normal = self.entries
+        return row_sums(first, weight, harmonics(normal[:, 0]))
 
     @cached_property
     def G(self) -> Array:
         """(m, k) light of white highlights at the nodes that are visible."""
-        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
-
-        lattice, still = Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS), np.zeros(3)
-        first, columns, values = sphere_kernel.rows_of(
-            *self.entries, Spin(still).turns(self.t), lattice.node, lattice.size
-        )
-        dense = scipy.sparse.csr_matrix(
-            (values, columns, first), (len(self.P), lattice.size)
-        ).toarray()
+        dense = self._rows(np.zeros(3), Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS)).toarray()
         return np.asarray(dense[:, dense.any(axis=0)])
 
     def operator(self, rotation: Array) -> Sparse:
         """A(ω)."""
-        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
+        return self._rows(rotation, self.sphere)
 
-        turns, size = Spin(rotation).turns(self.t), self.sphere.size
-        first, columns, values = sphere_kernel.rows_of(
-            self.first, self.moment, self.weight, self.normal, turns, self.sphere.node, size
-        )
-        return scipy.sparse.csr_matrix((values, columns, first), shape=(len(self.P), size))
+    def _rows(self, rotation: Array, sphere: Sphere) -> Sparse:
+        """From a color at the nodes of a sphere to the light of the blocks."""
+        turns = Spin(rotation).turns(self.t)
+        rows = sphere_kernel.rows_of(self.entries, turns, sphere.node, sphere.size)
+        return sparse(rows, sphere.size)
 
     def _equations(self, rotation: Array, contrast: float, light: Array) -> tuple[Array, Array]:
         """Upper triangle of AᵀWA + λ Q (n, n), and AᵀW times light (m, k)."""
-        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
-
         N, right = contrast**-2 * self.prior, np.zeros((self.sphere.size, light.shape[1]))
         turns, weighted = Spin(rotation).turns(self.t), self.W[:, None] * light
         sphere_kernel.add_equations(
@@ -209,16 +184,14 @@ class Search:
         """The marginal likelihood for a contrast; the upper triangle of the matrix is overwritten."""
         factor, _ = scipy.linalg.lapack.dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
         light, field, k = self.W[:, None] * self.P, self.W[:, None] * self.C, self.C.shape[1]
-        right = scipy.linalg.solve_triangular(factor, right, lower=True, check_finite=False)
+        right = _whitened(factor, right)
         coupling, texture = right[:, :k], right[:, k:]
         schur = self.C.T @ field + np.eye(k) / _FIELD_STD**2 - coupling.T @ coupling
         of_field = self.C.T @ light - coupling.T @ texture
         beta = np.asarray(np.linalg.solve(schur, of_field), float)
         misfit = float((light * self.P).sum() - (texture**2).sum() - (of_field * beta).sum())
         texture = texture - coupling @ beta
-        texture = scipy.linalg.solve_triangular(
-            factor, texture, lower=True, trans=1, check_finite=False
-        )
+        texture = _whitened(factor, texture, transposed=1)
         freedom, nodes = len(self.P) - 1, self.sphere.size - 1
         volume = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(schur)[1]
         log_z = 1.5 * (-2 * nodes * np.log(contrast) - freedom * np.log(misfit) - volume)
@@ -230,9 +203,7 @@ class Search:
         k = self.C.shape[1] + 3
         N, right = self._equations(rotation, contrast, np.hstack([self.C, self.P, self.G]))
         at, light = self._solved(rotation, N, right[:, :k], contrast), self.W[:, None] * self.G
-        of_nodes = scipy.linalg.solve_triangular(
-            at.factor, right[:, k:], lower=True, check_finite=False
-        )
+        of_nodes = _whitened(at.factor, right[:, k:])
         field_light = self.C.T @ light
         of_field = field_light - at.coupling.T @ of_nodes
         schur = self.G.T @ light - of_nodes.T @ of_nodes
@@ -257,8 +228,6 @@ class Search:
 
     def information(self, at: Solved) -> tuple[Array, Array]:
         """Curvature (3, 3) and gradient (3,) of −log Z(ω), without the change of volume."""
-        from blurmatte.deblurring import sphere_kernel  # SciPy is slow to import
-
         spin = Spin(at.rotation)
         J = sphere_kernel.turned(
             *(self.entries, spin.turns(self.t), spin.jacobians(self.t)),
@@ -268,9 +237,7 @@ class Search:
         r = self.P - A @ at.texture - self.C @ at.field
         r -= 0 if at.gloss is None else (self.G @ at.gloss)[:, None]
         weighted = self.W[:, None] * J
-        of_nodes = scipy.linalg.solve_triangular(
-            at.factor, A.T @ weighted, lower=True, check_finite=False
-        )
+        of_nodes = _whitened(at.factor, A.T @ weighted)
         of_field = self.C.T @ weighted - at.coupling.T @ of_nodes
         full = J.T @ weighted - of_nodes.T @ of_nodes
         full -= of_field.T @ np.linalg.solve(at.schur, of_field)
@@ -311,21 +278,24 @@ class Search:
         likeliest = middle[:_MAX_MODES]
         for contrast in (CONTRASTS[0], CONTRASTS[2]):
             found = [self.climbed(one.rotation, contrast) for one in middle]
-            likeliest += _distinct(
-                sorted(found, key=_unlikeliness),
-                SAME_MODE,
-                _MAX_MODES,
-            )
+            likeliest += _distinct(sorted(found, key=_unlikeliness), SAME_MODE, _MAX_MODES)
         return _distinct(likeliest, SAME_MODE, len(likeliest))
 
 
 def _without(at: Solved, of_nodes: Array, of_field: Array) -> tuple[Array, Array]:
     """Texture and field for the light less that of highlights, with these projections."""
     change = np.linalg.solve(at.schur, of_field)
-    nodes = scipy.linalg.solve_triangular(
-        at.factor, of_nodes - at.coupling @ change, lower=True, trans=1, check_finite=False
-    )
+    nodes = _whitened(at.factor, of_nodes - at.coupling @ change, transposed=1)
     return at.texture - nodes[:, None], at.field - change[:, None]
+
+
+def _whitened(factor: Array, right: Array, transposed: Literal[0, 1] = 0) -> Array:
+    """L⁻¹ or L⁻ᵀ of a Cholesky factor times columns."""
+    return np.asarray(
+        scipy.linalg.solve_triangular(
+            factor, right, lower=True, trans=transposed, check_finite=False
+        )
+    )
 
 
 def _unlikeliness(mode: Mode) -> float:
@@ -335,10 +305,7 @@ def _unlikeliness(mode: Mode) -> float:
 def rotation_grid(spacing: float) -> Array:
     """(n, 3) rotation vectors up to half a turn on a body-centered cubic lattice."""
     edge = spacing * 2 ** (1 / 3)  # of a cube with two points
-    steps = np.arange(
-        -int(_MAX_ROTATION / edge) - 1,
-        int(_MAX_ROTATION / edge) + 2,
-    )
+    steps = np.arange(-int(_MAX_ROTATION / edge) - 1, int(_MAX_ROTATION / edge) + 2)
     corners = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
     points = edge * np.concatenate([corners, corners + 0.5])
     return np.asarray(points[np.linalg.norm(points, axis=1) <= _MAX_ROTATION])
@@ -355,9 +322,7 @@ def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:
     return kept
 
 
-def _entries(
-    seen: Seen, use: Bools, count: int, spin: Spin | None
-) -> tuple[npt.NDArray[np.int64], Ints32, Array, Array]:
+def _entries(seen: Seen, use: Bools, count: int, spin: Spin | None) -> Entries:
     """First entries of the blocks in use; moment, weight and normals of their entries."""
     first, moment, part = seen.covered
     each = np.diff(first)

@@ -25,7 +25,8 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats, check_kind, check_map, rows_columns
-from blurmatte.deblurring.operator import Sparse
+from blurmatte.deblurring import operator_kernel
+from blurmatte.deblurring.operator import Sparse, sparse
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import PointSpread
@@ -239,8 +240,6 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
 
 def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     """G (pixels, parts), middles of the parts (parts, 2), and their distances from the start."""
-    from blurmatte.deblurring import operator_kernel as kernel
-
     path, pixels = sweep.trajectory, Pixels.of_box(sweep.box)
     steps = np.linalg.norm(np.diff(path.xy, axis=0), axis=1)
     length = np.concatenate([[0], np.cumsum(steps)]) + 1e-9 * path.t  # increases also at rest
@@ -250,9 +249,11 @@ def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     maps, rim = sweep.silhouette.map_at(sweep.shape, t), sweep.silhouette.rim(sweep.shape)
     xy = path.at(t)
     offset = xy - np.array(pixels.origin)
-    first, moment, part = kernel.covered_moments(offset, maps, rim, sweep.softness, pixels.shape)
+    first, moment, part = operator_kernel.covered_moments(
+        offset, maps, rim, sweep.softness, pixels.shape
+    )
     columns = moment // each
-    G = scipy.sparse.csr_matrix((part / each, columns, first), shape=(len(first) - 1, parts))
+    G = sparse((first, columns, part / each), parts)
     return G, xy.reshape(parts, each, 2).mean(axis=1), position.reshape(parts, each).mean(axis=1)
 
 
@@ -268,11 +269,7 @@ def _smooth_times(rows: Array, data: Array) -> tuple[Array, Array, float]:
         misfit = float(data @ data - b @ scipy.linalg.cho_solve(factor, b))
         log_det = 2 * np.log(np.diag(factor[0])).sum()
         log_evidence = (parts - 2) * log_strength - (count - 2) * np.log(misfit) - log_det
-        return (
-            float(log_evidence),
-            misfit,
-            np.asarray(scipy.linalg.cho_solve(factor, np.eye(parts))),
-        )
+        return float(log_evidence), misfit, scipy.linalg.cho_solve(factor, np.eye(parts))
 
     largest = float(np.log(np.trace(N)))
     best = scipy.optimize.minimize_scalar(

@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array
 from blurmatte.intrinsics import Intrinsics
+from blurmatte.motion.space import perspective_ball_kernel
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
 from blurmatte.sweep.model.pixels import Pixels
@@ -58,8 +59,6 @@ class PerspectiveBall(Shape):
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
         """Alpha of a moving ball, and its derivatives."""
-        from blurmatte.motion.space import perspective_ball_kernel  # numba: half a second
-
         assert isinstance(family, Polynomial)
         alpha = np.zeros(pixels.shape)
         J = np.zeros((*alpha.shape, len(path) + len(shape)))
