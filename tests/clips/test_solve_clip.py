@@ -8,8 +8,8 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
+from blurmatte.motion.clip.clip_path import priors_of
 from blurmatte.motion.clip.measure import in_colors_of
-from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.workers import shared
@@ -143,7 +143,7 @@ def test_prior_of_a_frame_is_the_path_that_the_others_predict(prepared):
 def test_three_frames_predict_one_another(prepared):
     """Honest: in units of the predicted errors, which are larger than from all frames."""
     some = prepared[2][1:4]
-    priors = ClipObject.of([one.row for one in some], COLOR_MODEL).priors
+    priors, _ = priors_of([one.row for one in some])
     for one, prior in zip(some, priors, strict=True):
         (start, end), path = path_of(one.index), prior.path
         error = (path.points - np.array([start, np.add(start, end) / 2, end])).ravel()

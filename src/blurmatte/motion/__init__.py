@@ -8,13 +8,13 @@ from blurmatte.motion.clip.detections import Sighting as Sighting
 from blurmatte.motion.clip.fall import FreeFall as FreeFall
 from blurmatte.motion.clip.fall_fit import fit_fall as fit_fall
 from blurmatte.motion.clip.fall_fit import fit_fall_in_space as fit_fall_in_space
-from blurmatte.motion.clip.linking import frame_scatter as frame_scatter
 from blurmatte.motion.clip.linking import link_objects as link_objects
 from blurmatte.motion.clip.linking import link_sightings as link_sightings
 from blurmatte.motion.clip.measure import sightings as sightings
 from blurmatte.motion.clip.positions_3d import BallPlace as BallPlace
 from blurmatte.motion.clip.positions_3d import places_in_space as places_in_space
 from blurmatte.motion.clip.scatter import Scatter as Scatter
+from blurmatte.motion.clip.scatter import frame_scatter as frame_scatter
 from blurmatte.motion.clip.steps import measure_clip as measure_clip
 from blurmatte.motion.clip.steps import solve_clip as solve_clip
 from blurmatte.motion.clip.workers import Workers as Workers

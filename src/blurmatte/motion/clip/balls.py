@@ -12,8 +12,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
-from blurmatte.motion.clip.frames import noise_of, plate_in_light_of, with_default_noise
 from blurmatte.motion.clip.positions_3d import places_in_space
+from blurmatte.motion.clip.scene import noise_of, plate_in_light_of
 from blurmatte.motion.clip.summary import KnownQuantities, Places
 from blurmatte.motion.clip.workers import Workers, logged, shared
 from blurmatte.motion.picture.error_budget import check_with_std
@@ -126,7 +126,7 @@ class _BallFitter:
     ) -> list[BallMotion | None]:
         if frame is None or self.model.rank == 3 or not any(map(_may_be_ball, found)):
             return [None] * len(found)
-        image = with_default_noise(frame, self.noise)
+        image = frame.with_noise(self.noise) if frame.noise is None else frame
         plate = plate_in_light_of(self.plate, image)
         return [self._fitted(image, plate, one) for one in found]
 

@@ -35,7 +35,7 @@ from blurmatte.motion.clip.smoothing import (
 )
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
-from blurmatte.sweep.model.motion_prior import PathPrior
+from blurmatte.sweep.model.motion_prior import MotionPrior, PathPrior
 
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
 _RADIUS_ORDER = 2  # value and slope
@@ -270,3 +270,26 @@ class ClipRadius(RobustCurve):
         radius, variance = self.states.mean[row, 0], self.states.covariance[row, 0, 0]
         std = float(np.sqrt(student_inflation(1) * variance + self.common_std**2))
         return (float(radius), std) if radius > 0 and np.isfinite(std) else None
+
+
+def priors_of(rows: Sequence[FrameMotion]) -> tuple[list[MotionPrior | None], Bools]:
+    """For each row of one object, what the other rows predict; and whether the row predicts others.
+
+    The prior of a row has the radius and the path; None if too few rows predict them.
+    """
+    path, size = ClipPath.of(rows), ClipRadius.of(rows)
+    radii = [size.predicted(k) for k in range(len(rows))]
+    priors = [
+        None if radius is None else MotionPrior(*radius, path.prior(k), scatter=path.birge_ratio)
+        for k, radius in enumerate(radii)
+    ]
+    return priors, path.used
+
+
+def mistake_probability(seen: Sequence[Sighting]) -> float:
+    """That a detection that seems to show a whole disc misleads: as often as they have doubts.
+
+    By the rule of succession, so that it is neither 0 nor 1.
+    """
+    discs = [one for one in seen if one.motion.source == "sweep" and not one.motion.at_border]
+    return (sum(bool(one.motion.doubts) for one in discs) + 1) / (len(discs) + 2)

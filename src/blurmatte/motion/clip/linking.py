@@ -8,14 +8,8 @@ import numpy as np
 from blurmatte.checks import check_kind
 from blurmatte.motion.clip.cadence import at_captures, doubting_repeats, is_repeat
 from blurmatte.motion.clip.clip_path import ClipPath, ClipRadius
-from blurmatte.motion.clip.detections import (
-    FrameMotion,
-    FrameSightings,
-    Sighting,
-    check_rows,
-)
+from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
 from blurmatte.motion.clip.robust_curve import comparable_rows
-from blurmatte.motion.clip.scatter import Scatter, scatter_of
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 from blurmatte.motion.columns import Rows
 
@@ -112,29 +106,6 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[Frame
             for n in seen
         ] or [_empty_row(frame, _NO_TRACK)]
     return Rows(_compared(rows))
-
-
-def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
-    """Scatter of positions and radii of one object about its path and the change of its radius.
-
-    Parameters
-    ----------
-    rows : sequence of FrameMotion
-        From `measure_clip` or `link_sightings`; for several objects the rows of one.
-
-    Returns
-    -------
-    Scatter or None
-        None for fewer than eight frames that a disc explains and that others predict.
-
-    Examples
-    --------
-    >>> scatter = bm.motion.frame_scatter(rows)
-    >>> print(scatter)
-    None
-    """
-    check_rows(rows)
-    return scatter_of([row for row in rows if row.sighting is not None])
 
 
 def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]:

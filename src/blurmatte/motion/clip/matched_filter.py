@@ -25,10 +25,10 @@ _SMOOTHING_PX = 1.5  # standard deviation of the Gaussian
 _DETECTION_STD = 6.0  # standard deviations of the smoothed light p: a part exists
 _EXTENT_STD = 2.5  # the same: a pixel belongs to a part
 _MIN_STRENGTH_FRACTION = 0.1  # of a part's own: less is a reflection, or coding blocks
-_MIN_ENERGY_FRACTION = 0.1  # of a frame's strongest part: less is not the object
+MIN_ENERGY_FRACTION = 0.1  # of a frame's strongest part: less is not the object
 _MIN_AREA_PX = 25
-_MAX_PARTS = 3  # of a frame, for one object
-_MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
+MAX_PARTS = 3  # of a frame, for one object
+MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
 _CLOSING_PX = 3  # gaps where the plate has the object's own color
 _MARGIN_PX = 4  # where the edge fades below the noise
 _STRIP_ROWS = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
@@ -130,16 +130,6 @@ def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, sl
         end, first = min(top + rows, height), max(top - margin, 0)
         inner = slice(top - first, end - first)
         yield slice(top, end), (0, first, width, min(end + margin, height)), inner
-
-
-def max_parts(several: bool) -> int:
-    """Number of parts of a frame that are measured."""
-    return _MAX_PARTS_OF_SEVERAL if several else _MAX_PARTS
-
-
-def min_energy(strongest: float) -> float:
-    """The energy of light below which a part is not the object, if this is the strongest one's."""
-    return max(_MIN_ENERGY_FRACTION * strongest, 0.0)
 
 
 def _strong(strength: Floats) -> Bools | None:

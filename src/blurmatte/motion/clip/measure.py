@@ -18,25 +18,19 @@ from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError, PlateError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
-from blurmatte.motion.clip.detections import (
-    NOTHING_MOVED,
-    FrameSightings,
-    Sighting,
-)
+from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameSightings, Sighting
 from blurmatte.motion.clip.matched_filter import (
+    MAX_PARTS,
+    MAX_PARTS_OF_SEVERAL,
+    MIN_ENERGY_FRACTION,
     MatchedFilter,
-    max_parts,
-    min_energy,
     moving_parts,
 )
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
-from blurmatte.radiometry import (
-    LinearImage,
-    check_picture,
-)
+from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, coded_frames, each_coded
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import fit_disc
@@ -240,9 +234,11 @@ class _Detector:
         else:
             color = self.color
             parts = [(c, one) for c in crops for one in color.within(c.box).parts(c.image)]
-            least = min_energy(max((one.evidence for _, one in parts), default=0.0))
+            strongest = max((one.evidence for _, one in parts), default=0.0)
+            least = MIN_ENERGY_FRACTION * max(strongest, 0.0)
         parts = [part for part in parts if part[1].evidence > least]
-        return sorted(parts, key=lambda part: -part[1].evidence)[: max_parts(self.several)]
+        most = MAX_PARTS_OF_SEVERAL if self.several else MAX_PARTS
+        return sorted(parts, key=lambda part: -part[1].evidence)[:most]
 
 
 def _all_parts(

@@ -221,7 +221,12 @@ def places_in_space(
             time, seen = row.time, row.sighting
             if time is not None and seen is not None:
                 time += line_time * seen.rows[0]
-            places[k] = replace(_with_shared_errors(place, S), time=time)
+            places[k] = replace(
+                place,
+                time=time,
+                covariance=place.picture_covariance + S @ S.T,
+                shared=float(np.linalg.norm(place.place @ S)) / place.distance**2,
+            )
     for track in _tracks(rows, places):
         _set_velocities(places, track, shared)
     return places
@@ -279,15 +284,6 @@ def _shared(place: Array, intrinsics: Intrinsics, radius: float, radius_std: flo
             ends = [radius * positions(camera, pixel, size)[0] for camera in cameras]
             columns.append((ends[0] - ends[1]) / (2 * DIFFERENCE_STEP))
     return np.stack(columns, axis=1)
-
-
-def _with_shared_errors(ball: BallPlace, S: Array) -> BallPlace:
-    """The position with the errors that all frames share."""
-    return replace(
-        ball,
-        covariance=ball.picture_covariance + S @ S.T,
-        shared=float(np.linalg.norm(ball.place @ S)) / ball.distance**2,
-    )
 
 
 def _tracks(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None]) -> list[list[int]]:

@@ -13,7 +13,7 @@ predicts nothing, and gets a doubt.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Self
@@ -184,8 +184,7 @@ class RobustCurve:
     @cached_property
     def contradicts(self) -> Bools:
         """(n,) whole or sound rows that differ from the prediction by more than noise does."""
-        seen = [row.sighting for row in self.frames]
-        sound = np.array([one is not None and one.is_sound for one in seen], bool)
+        sound = _which(self.frames, lambda one: one.is_sound)
         sound &= self._of_moments & in_large_parts(self.used, self.part)
         excess = self._excess(self._compared(self.added_to_moments)[0], sound)
         return (whole_rows(self.frames) & ~self.used) | (excess > 1)
@@ -218,8 +217,7 @@ class RobustCurve:
     @property
     def _of_moments(self) -> Bools:
         """(n,) rows measured by the moments of alpha."""
-        seen = [row.sighting for row in self.frames]
-        return np.array([one is not None and one.motion.source == "moments" for one in seen], bool)
+        return _which(self.frames, lambda one: one.motion.source == "moments")
 
     @property
     def _kinds(self) -> list[slice]:
@@ -276,8 +274,7 @@ class RobustCurve:
 
 def whole_rows(frames: Sequence[FrameMotion]) -> Bools:
     """(n,) rows that a whole disc explains, without doubts."""
-    seen = [row.sighting for row in frames]
-    return np.array([one is not None and one.is_whole for one in seen], bool)
+    return _which(frames, lambda one: one.is_whole)
 
 
 def comparable_rows(frames: Sequence[FrameMotion]) -> Bools:
@@ -285,8 +282,12 @@ def comparable_rows(frames: Sequence[FrameMotion]) -> Bools:
     whole, part = whole_rows(frames), parts_of_tracks(frames)
     if np.bincount(part, weights=whole, minlength=1).max() >= _MIN_FRAMES:
         return whole
-    seen = [row.sighting for row in frames]
-    return np.array([one is not None and one.is_sound for one in seen], bool)
+    return _which(frames, lambda one: one.is_sound)
+
+
+def _which(frames: Sequence[FrameMotion], test: Callable[[Sighting], bool]) -> Bools:
+    """(n,) rows whose detection passes a test."""
+    return np.array([row.sighting is not None and test(row.sighting) for row in frames], bool)
 
 
 def _mean_ratio(z2: Array, variance: Array, added: float) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.motion.clip.clip_path import ClipPath, ClipRadius
-from blurmatte.motion.clip.detections import FrameMotion
+from blurmatte.motion.clip.detections import FrameMotion, check_rows
 
 _MIN_FRAMES = 8  # for a scatter
 _RELATIVE_STD = 1.0  # of the scatter, times √n: residuals of neighbors are correlated
@@ -52,9 +52,28 @@ class Scatter:
         return float((max(self.place, self.radius) - 1) / std)
 
 
-def scatter_of(rows: Sequence[FrameMotion]) -> Scatter | None:
-    """The scatter of the rows of one object; None for too few frames that predict one another."""
-    path, size = ClipPath.of(rows).as_stated, ClipRadius.of(rows).as_stated
+def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
+    """Scatter of positions and radii of one object about its path and the change of its radius.
+
+    Parameters
+    ----------
+    rows : sequence of FrameMotion
+        From `measure_clip` or `link_sightings`; for several objects the rows of one.
+
+    Returns
+    -------
+    Scatter or None
+        None for fewer than eight frames that a disc explains and that others predict.
+
+    Examples
+    --------
+    >>> scatter = bm.motion.frame_scatter(rows)
+    >>> print(scatter)
+    None
+    """
+    check_rows(rows)
+    seen = [row for row in rows if row.sighting is not None]
+    path, size = ClipPath.of(seen).as_stated, ClipRadius.of(seen).as_stated
     places, radii = path.chi2[path.used, 0], size.chi2[size.used, 0]
     places, radii = places[np.isfinite(places)], radii[np.isfinite(radii)]
     if min(len(places), len(radii)) < _MIN_FRAMES:

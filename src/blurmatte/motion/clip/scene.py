@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,17 +22,12 @@ from blurmatte.background import (
     plate_on_canvas,
 )
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, Box, Floats, check_map, rows_columns
+from blurmatte.checks import Array, Bools, Box, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import PlateError
-from blurmatte.motion.clip.frames import gain_of, noise_of, times_gain
 from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
-from blurmatte.radiometry import (
-    LinearImage,
-    Noise,
-    counted_once,
-)
+from blurmatte.radiometry import LinearImage, Noise, counted_once
 from blurmatte.radiometry.coded import (
     CodedFrame,
     CodedSequence,
@@ -40,11 +36,12 @@ from blurmatte.radiometry.coded import (
     in_codes_of,
 )
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
+from blurmatte.statistics import MAD_TO_STD
 from blurmatte.streaks import Gate
 
+GAIN_EVERY = 5  # pixels in rows and columns; enough for a median
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
 GATE_SAMPLES = 16  # frames from which the differences without motion are measured
-GAIN_EVERY = 5  # pixels in rows and columns; enough for a median
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +69,6 @@ class StaticScene:
     ----------
     plate : LinearImage
         Noise known.
-    few : LinearImage
-        Every fifth pixel of the plate, for the gain of a frame.
     noise : Noise or (H, W, 3) float
         Of frames that have none of their own.
     gate : Gate
@@ -89,7 +84,6 @@ class StaticScene:
     """
 
     plate: LinearImage
-    few: LinearImage
     noise: Noise | Floats
     gate: Gate
     hidden: Bools | None = None
@@ -109,40 +103,25 @@ class StaticScene:
 
         Raises ValueError if what is hidden is not a mask of the size of the frames.
         """
-        if camera is not None:
-            return cls._seen_by(camera, frames, plate, hidden)
         if hidden is not None:
-            hidden = check_map("occluder", hidden, plate.valid.shape, kinds="b")
-            plate = replace(plate, valid=plate.valid & ~hidden)
-        first = frames[0]
+            size = plate.size if camera is None else camera.size
+            hidden = check_map("occluder", hidden, size[::-1], kinds="b")
+        k = 0 if camera is None else camera.registered[len(camera.registered) // 2]
+        first = frames[k]
         first = replace(first, meta=replace(first.meta, coding=None))  # crops have it by `coding`
+        if camera is not None:
+            plate = with_noise(first, plate)[1] if plate.noise is None else plate
+            first, seen = with_noise(first, camera.plate_at(k, plate))
+            (one,) = coded_frames(frames, slice(k, k + 1))
+            gate = _gate(frames, one, seen, hidden)
+            return cls(plate, _of_each_channel(first), gate, hidden, camera=camera)
+        if hidden is not None:
+            plate = replace(plate, valid=plate.valid & ~hidden)
         first, plate = with_noise(first, plate)
         coding = frames.coding_errors() if isinstance(frames, CodedSequence) else None
         samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
-        grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
-        few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        return cls(plate, few, _of_each_channel(first), gate, hidden, coding)
-
-    @classmethod
-    def _seen_by(
-        cls,
-        camera: CameraPath,
-        frames: Sequence[LinearImage],
-        plate: LinearImage,
-        hidden: Bools | None,
-    ) -> StaticScene:
-        """The scene of a camera that moves; the gate is that of the frame in the middle."""
-        if hidden is not None:
-            hidden = check_map("occluder", hidden, camera.size[::-1], kinds="b")
-        k = camera.registered[len(camera.registered) // 2]
-        first = frames[k]
-        first = replace(first, meta=replace(first.meta, coding=None))
-        _, plate = with_noise(first, plate) if plate.noise is None else (first, plate)
-        first, seen = with_noise(first, camera.plate_at(k, plate))
-        (one,) = coded_frames(frames, slice(k, k + 1))
-        own = cls(seen, seen, _of_each_channel(first), _gate(frames, one, seen, hidden), hidden)
-        return replace(own, plate=plate, camera=camera)
+        return cls(plate, _of_each_channel(first), gate, hidden, coding)
 
     def at(self, frames: Sequence[LinearImage], frame: CodedFrame, index: int) -> StaticScene:
         """The scene as the frame with this index shows it; `frames` have its code values.
@@ -156,9 +135,7 @@ class StaticScene:
             plate = replace(plate, valid=plate.valid & ~self.hidden)
         known = index in self.surveyed
         gate = self.gate if known else _gate(frames, frame, plate, self.hidden)
-        grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
-        few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        return replace(self, plate=plate, few=few, gate=gate, camera=None)
+        return replace(self, plate=plate, gate=gate, camera=None)
 
     def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
         """Around each part that moved in the frame with this index."""
@@ -167,7 +144,7 @@ class StaticScene:
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
         """Image and plate in boxes of a frame."""
-        gain = gain_of(self.few, frame.light(every=GAIN_EVERY)) if boxes else None
+        gain = gain_of(thinned(self.plate), frame.light(every=GAIN_EVERY)) if boxes else None
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
             image = self.with_noise(image, box)
@@ -197,23 +174,21 @@ class StaticScene:
         That of a codec is known at the light of the plate: few levels of light do not determine how it
         grows. That of gray frames counts once (`Meta.one_channel`).
         """
-        image = self._with_noise(image, box)
+        image = image if image.noise is not None else image.with_noise(self._noise_in(box))
         return counted_once(image) if self.plate.meta.one_channel else image
 
-    def _with_noise(self, image: LinearImage, box: Box) -> LinearImage:
-        """As `with_noise`, the noise of each channel on its own."""
-        if image.noise is not None:
-            return image
+    def _noise_in(self, box: Box) -> Noise | Floats:
+        """The noise of all frames in a box, of each channel on its own."""
         place, (x0, y0) = rows_columns(box), box[:2]
         noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
         if self.coding is None:
-            return image.with_noise(noise)
+            return noise
         plate = self.plate.rgb[place]
         of_model = noise.variance(plate) if isinstance(noise, Noise) else noise
         variance = np.array(of_model, np.float32)
         for c in range(3):
             variance[..., c] += self.coding.moving.variance(plate[..., c], c, y0, x0)
-        return image.with_noise(variance)
+        return variance
 
 
 def _of_each_channel(frame: LinearImage) -> Noise | Floats:
@@ -230,6 +205,44 @@ def _gate(
     """The gate of one frame and the plate that it shows."""
     unknown = ~plate.valid if hidden is None else hidden | ~plate.valid
     return Gate.of_frame(in_codes_of(frames, plate), frame, unknown)
+
+
+def noise_of(image: LinearImage) -> Noise | Floats:
+    """The noise of an image that has one."""
+    assert image.noise is not None
+    return image.noise
+
+
+def plate_in_light_of(plate: LinearImage, image: LinearImage) -> LinearImage:
+    """The plate times the gain of a frame, if lamp or shutter changed it by more than its error."""
+    gain = gain_of(thinned(plate), thinned(image))
+    return plate if gain is None else times_gain(plate, gain)
+
+
+def thinned(picture: LinearImage) -> LinearImage:
+    """The light of pixels all over a picture, as `gain_of` needs them."""
+    grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
+    return LinearImage(picture.rgb[grid], valid=picture.valid[grid])
+
+
+def gain_of(plate: LinearImage, image: LinearImage) -> Array | None:
+    """(3,) light of a frame over that of the plate; None if it is 1 within its error."""
+    B, C = (np.asarray(picture.rgb, float) for picture in (plate, image))
+    use = plate.valid & image.valid & (B.min(axis=-1) > 0.01)  # of white: not too dark
+    if not use.any():
+        return None
+    ratio = np.ascontiguousarray((C[use] / B[use]).T)  # medians of rows take a third of the time
+    gain = np.median(ratio, axis=1)
+    std = MAD_TO_STD * np.median(np.abs(ratio - gain[:, None]), axis=1)
+    if np.all(np.abs(gain - 1) < 3.0 * std / np.sqrt(ratio.shape[1])):
+        return None
+    return np.asarray(gain)
+
+
+def times_gain(plate: LinearImage, gain: Array) -> LinearImage:
+    """The plate in the light of a frame."""
+    by = np.tile(gain.astype(np.float32), (plate.size[0], 1))  # a row, as in `NoiseModel.variance`
+    return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))
 
 
 def clip_plate(frames: Sequence[LinearImage]) -> tuple[LinearImage, CameraPath | None]:
@@ -260,20 +273,17 @@ def path_before(plate: LinearImage, frames: Sequence[LinearImage]) -> CameraPath
 
 def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> StaticScene:
     """The scene with what moved in each frame of a clip that can be decoded."""
-    found = successes(workers.over(frames, _Survey(scene), parts_of(frames, workers)))
+    found = successes(workers.over(frames, partial(_changes, scene), parts_of(frames, workers)))
     return replace(scene, surveyed={k: boxes for part in found for k, boxes in part.items()})
 
 
-@dataclass(frozen=True, eq=False)
-class _Survey:
-    """Changes of the frames of a task."""
-
-    scene: StaticScene
-
-    def __call__(self, frames: Sequence[LinearImage], first: int) -> dict[int, tuple[Box, ...]]:
-        found = dict[int, tuple[Box, ...]]()
-        for k, frame in enumerate(each_coded(frames), first):
-            if frame is not None:
-                with suppress(PlateError):  # it is not registered
-                    found[k] = self.scene.at(frames, frame, k).gate.changes(frame).boxes
-        return found
+def _changes(
+    scene: StaticScene, frames: Sequence[LinearImage], first: int
+) -> dict[int, tuple[Box, ...]]:
+    """Boxes around what moved in the frames of a task."""
+    found = dict[int, tuple[Box, ...]]()
+    for k, frame in enumerate(each_coded(frames), first):
+        if frame is not None:
+            with suppress(PlateError):  # it is not registered
+                found[k] = scene.at(frames, frame, k).gate.changes(frame).boxes
+    return found

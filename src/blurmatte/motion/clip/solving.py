@@ -18,9 +18,9 @@ from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
+from blurmatte.motion.clip.clip_path import mistake_probability, priors_of
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
-from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, successes
@@ -339,20 +339,19 @@ def wanted_frames(
         The color was found and not given: frames without the object may be solved alone.
     """
     index_of = {number: index for index, number in enumerate(numbers)}
-    each = [Wanted(index_of[row.frame], row, None) for row in rows_to_solve(rows, color_found)]
-    wanted = [one for one in each if one.row.sighting is None or not solver.fits_shapes]
-    objects: dict[int, list[Wanted]] = {}
-    if solver.fits_shapes:
-        for one in each:
-            if one.row.sighting is not None:
-                objects.setdefault(one.row.object or 1, []).append(one)
-    for _, mine in sorted(objects.items()):
-        shared_by_all = ClipObject.of([one.row for one in mine], solver.model)
-        priors, used = shared_by_all.priors, shared_by_all.path.used
+    wanted, objects = list[Wanted](), dict[int, list[Wanted]]()
+    for row in rows_to_solve(rows, color_found):
+        one = Wanted(index_of[row.frame], row, None)
+        if row.sighting is None or not solver.fits_shapes:
+            wanted.append(one)
+        else:
+            objects.setdefault(row.object or 1, []).append(one)
+    for mine in objects.values():
+        priors, used = priors_of([one.row for one in mine])
         found = [replace(one, prior=prior) for one, prior in zip(mine, priors, strict=True)]
         found = _stretched(frames, found, used, solver, workers)
         known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
-        mistake = shared_by_all.mistake_probability
+        mistake = mistake_probability([one.row.sighting for one in mine if one.row.sighting])
         is_disc, has_shape = _decided(frames, known, mistake, solver, workers)
         wanted += [one.shaped(is_disc) for one in found] if has_shape else found
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 from blurmatte.background import (
     CameraPath,
@@ -27,7 +27,6 @@ from blurmatte.matting.case import Solver
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.color import color_in_scene, seen_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
-from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter
 from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
@@ -46,6 +45,20 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import coded_frames, each_coded
 
 Result = TypeVar("Result")
+
+
+@runtime_checkable
+class ClipFrames(Protocol):
+    """Frames of a clip, or of a sequence with missing pictures."""
+
+    @property
+    def frame_numbers(self) -> Sequence[int]:
+        """Number of each frame."""
+        ...
+
+    def for_plate(self, plate: LinearImage | None) -> Sequence[LinearImage]:
+        """The frames, their chroma where it agrees with a plate if one was given."""
+        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -104,10 +104,7 @@ class Workers:
             self._folder.cleanup()
 
     def in_order(
-        self,
-        work: Callable[..., Result],
-        tasks: Iterable[tuple[Any, ...]],
-        waiting: int = 2,
+        self, work: Callable[..., Result], tasks: Iterable[tuple[Any, ...]], waiting: int = 2
     ) -> Iterator[Result]:
         """Results of `work` for each task, in order.
 
@@ -148,10 +145,7 @@ class Workers:
         return self.outcomes(work, ((frames[which], *more) for which, *more in parts), waiting)
 
     def outcomes(
-        self,
-        work: Callable[..., Result],
-        tasks: Iterable[tuple[Any, ...]],
-        waiting: int = 2,
+        self, work: Callable[..., Result], tasks: Iterable[tuple[Any, ...]], waiting: int = 2
     ) -> Iterator[Result | Failure]:
         """As `in_order`, with a `Failure` for each task that raised, or whose process died repeatedly.
 
