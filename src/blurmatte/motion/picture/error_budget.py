@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.checks import Array, check_not_negative, check_positive
+from blurmatte.errors import MotionError
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
 
@@ -28,6 +29,42 @@ class Source:
     def number(cls, value: float, std: float) -> "Source":
         """One number with its standard deviation."""
         return cls(np.array([value], float), np.array([[std**2]], float))
+
+
+class OverExposure:
+    """A change over the exposure, whose time may be known: its speed, and its largest error."""
+
+    exposure_time: float | None
+    exposure_std: float
+
+    @property
+    def speed(self) -> float:
+        """Mean over the exposure, m/s, or rad/s of a rotation."""
+        return self._moved[0] / self._seconds
+
+    @property
+    def speed_std(self) -> float:
+        """Standard deviation of the speed."""
+        moved, std = self._moved
+        of_time = moved * self.exposure_std / self._seconds
+        return float(np.hypot(std, of_time) / self._seconds)
+
+    @property
+    def _moved(self) -> tuple[float, float]:
+        """What changed over the exposure, meters or radians, and its standard deviation."""
+        raise NotImplementedError
+
+    @property
+    def _seconds(self) -> float:
+        if self.exposure_time is None:
+            raise MotionError("a velocity needs the exposure_time, in seconds; give it")
+        return self.exposure_time
+
+    def _speed_in_words(self, unit: str = "m/s") -> str:
+        """The end of a sentence; "" without the time."""
+        if self.exposure_time is None:
+            return ""
+        return f", {self.speed:.4g} ± {self.speed_std:.2g} {unit}"
 
 
 def propagated(

@@ -582,10 +582,7 @@ def check_line_time(line_time: float, rows: float, frame_interval: float | None 
 
 
 def _possible_lags(
-    motion: Motion,
-    exposure_time: float | None,
-    line_time: float | None,
-    going: Direction | None,
+    motion: Motion, exposure_time: float | None, line_time: float | None, going: Direction | None
 ) -> list[float]:
     """τ (y(1) − y(0)) / T, the relative change of the object's own exposure; of both directions."""
     if going is not None:

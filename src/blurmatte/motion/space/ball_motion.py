@@ -11,6 +11,7 @@ from blurmatte.checks import Array
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
+    OverExposure,
     Source,
     by_axis,
     check_exposure,
@@ -25,7 +26,7 @@ _DEPTH = 5  # index of z in the middle of the exposure
 
 
 @dataclass(frozen=True, eq=False)
-class BallMotion:
+class BallMotion(OverExposure):
     """Positions of a ball in three dimensions during the exposure, and its speed.
 
     In the camera's coordinates: x right, y down, z forward, meters from the camera. A picture does not
@@ -77,9 +78,7 @@ class BallMotion:
         moved = f"{self.length:.4g} ± {self.length_std:.2g} m on a {self.path}"
         if self.path == "disc":
             moved = f"{self.length:.4g} ± {self.length_std:.2g} m at constant distance"
-        speed = ""
-        if self.exposure_time is not None:
-            speed = f", {self.speed:.4g} ± {self.speed_std:.2g} m/s"
+        speed = self._speed_in_words()
         return f"BallMotion({self.depth:.4g} ± {self.depth_std:.2g} m away, {moved}{speed})"
 
     @property
@@ -107,17 +106,6 @@ class BallMotion:
         """(3,) standard deviations of the velocity, m/s."""
         of_time = self.displacement * self.exposure_std / self._seconds
         return np.asarray(np.hypot(self.displacement_std, of_time) / self._seconds)
-
-    @property
-    def speed(self) -> float:
-        """Length of the path over the exposure time, m/s."""
-        return self.length / self._seconds
-
-    @property
-    def speed_std(self) -> float:
-        """Standard deviation of the speed, m/s."""
-        relative = self.exposure_std / self._seconds
-        return float(np.hypot(self.length_std, self.length * relative) / self._seconds)
 
     @property
     def acceleration(self) -> Array:
@@ -167,10 +155,8 @@ class BallMotion:
         return np.asarray(np.kron([-1.0, 0.0, 1.0], np.eye(3)), dtype=float)
 
     @property
-    def _seconds(self) -> float:
-        if self.exposure_time is None:
-            raise MotionError("a velocity needs the exposure_time, in seconds; give it")
-        return self.exposure_time
+    def _moved(self) -> tuple[float, float]:
+        return self.length, self.length_std
 
 
 def ball_motion(

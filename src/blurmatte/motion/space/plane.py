@@ -20,6 +20,7 @@ from blurmatte.checks import Array, check_kind, check_points
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.picture.error_budget import (
+    OverExposure,
     Source,
     by_axis,
     check_exposure,
@@ -177,7 +178,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneMotion:
+class PlaneMotion(OverExposure):
     """Motion on a plane; the picture does not determine which end came first.
 
     Parameters
@@ -213,26 +214,13 @@ class PlaneMotion:
     exposure_std: float = 0.0
 
     def __repr__(self) -> str:
-        speed = ""
-        if self.exposure_time is not None:
-            speed = f", {self.speed:.4g} ± {self.speed_std:.2g} m/s"
+        speed = self._speed_in_words()
         return f"PlaneMotion({self.length:.4g} ± {self.length_std:.2g} m{speed})"
 
     @property
     def displacement(self) -> Array:
         """(2,) from start to end, meters."""
         return np.asarray(self.end - self.start)
-
-    @property
-    def speed(self) -> float:
-        """Mean over the exposure, m/s."""
-        return self.length / self._seconds
-
-    @property
-    def speed_std(self) -> float:
-        """Standard deviation of the speed, m/s."""
-        relative = np.hypot(self.length_std / self.length, self.exposure_std / self._seconds)
-        return float(self.speed * relative)
 
     @property
     def dominant(self) -> str:
@@ -251,10 +239,8 @@ class PlaneMotion:
         return row | {"plane_error_from": self.dominant}
 
     @property
-    def _seconds(self) -> float:
-        if self.exposure_time is None:
-            raise MotionError("a speed needs the exposure_time, in seconds; give it")
-        return self.exposure_time
+    def _moved(self) -> tuple[float, float]:
+        return self.length, self.length_std
 
 
 def measure_on_plane(

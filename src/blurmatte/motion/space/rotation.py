@@ -18,7 +18,7 @@ import numpy.typing as npt
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
-from blurmatte.motion.picture.error_budget import by_axis, check_exposure
+from blurmatte.motion.picture.error_budget import OverExposure, by_axis, check_exposure
 from blurmatte.motion.space.rotation_blades import Blades
 from blurmatte.motion.space.rotation_ring import NO_VARIATION, blades_of, pixels_at, ring_around
 from blurmatte.motion.space.rotation_start import starts
@@ -39,7 +39,7 @@ _MAX_OVERLAP_MISFIT = 2.5  # the same if paths overlap: other angles fit nearly 
 
 
 @dataclass(frozen=True, eq=False)
-class Rotation:
+class Rotation(OverExposure):
     """Angle by which an object turned about a point; its sign is not determined by the picture.
 
     Parameters
@@ -72,9 +72,7 @@ class Rotation:
 
     def __repr__(self) -> str:
         x, y = self.center
-        speed = ""
-        if self.exposure_time is not None:
-            speed = f", {self.speed:.4g} ± {self.speed_std:.2g} rad/s"
+        speed = self._speed_in_words("rad/s")
         return (
             f"Rotation({np.degrees(self.angle):.2f}° ± {np.degrees(self.angle_std):.2g}° about "
             f"({x:.1f}, {y:.1f}){speed})"
@@ -90,17 +88,6 @@ class Rotation:
         """Standard deviation of the angle, radians."""
         return float(np.sqrt(self.covariance[2, 2]))
 
-    @property
-    def speed(self) -> float:
-        """Angular speed, rad/s."""
-        return self.angle / self._seconds
-
-    @property
-    def speed_std(self) -> float:
-        """Standard deviation of the speed, rad/s."""
-        relative = np.hypot(self.angle_std / self.angle, self.exposure_std / self._seconds)
-        return float(self.speed * relative)
-
     def numbers(self) -> dict[str, float]:
         """All numbers by name, flat, for a row of a table: pixels, radians, rad/s."""
         row = by_axis("rotation_center", self.center, self.center_std)
@@ -110,10 +97,8 @@ class Rotation:
         return row
 
     @property
-    def _seconds(self) -> float:
-        if self.exposure_time is None:
-            raise MotionError("an angular speed needs the exposure_time, in seconds; give it")
-        return self.exposure_time
+    def _moved(self) -> tuple[float, float]:
+        return self.angle, self.angle_std
 
 
 def measure_rotation(

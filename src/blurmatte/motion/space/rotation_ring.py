@@ -115,10 +115,7 @@ def _profile(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> Array:
         # The sum of squared Gaussian weights is 1 / (2 √π s).
         variance = sums[2].mean() / (2 * np.sqrt(np.pi) * smooth)
         error = float(np.sqrt(variance)) / max(float(below.mean()), 1e-12)
-        least = max(
-            _MIN_VARIATION * float(profile.max()),
-            _MIN_VARIATION_STD * error,
-        )
+        least = max(_MIN_VARIATION * float(profile.max()), _MIN_VARIATION_STD * error)
         if float(np.ptp(profile)) > least:
             return profile
         smooth *= 2
