@@ -33,7 +33,6 @@ As q and the noise are known, the scale in H is at least 1.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -54,14 +53,6 @@ _ROUNDS = 3, 2  # of the strengths, of the prior of edges
 _TOLERANCE = 0.02  # of the residual of conjugate gradients, relative
 _TOLERANCE_OF_SAMPLES = 0.05
 _MAX_PRODUCTS = 100  # of conjugate gradients
-
-
-class DecodedColor(NamedTuple):
-    """Straight color (n, 3), its variances (n, 3), and the reduced χ² s."""
-
-    color: Array
-    variances: Array
-    misfit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +111,7 @@ def compressed_color(
     differences: Differences,
     smooth: GaussianFit,
     strengths: Array,
-) -> DecodedColor:
+) -> tuple[Array, Array, float]:
     """The color from the posterior under independent noise and a Gaussian prior."""
     solver = _QuadraticFit(state, equations, differences, smooth)
     solver.step(differences.weights(strengths))
@@ -143,7 +134,7 @@ def compressed_color(
     band = differences.band(solver.weights[:, 0], of_channels.width)
     scaled = posterior(of_channels, solver.independent_scale * band).variances()
     ratio = np.mean(np.square(samples), axis=0).sum(axis=0) / scaled.sum(axis=0)
-    return DecodedColor(solver.color, ratio * scaled, solver.misfit)
+    return solver.color, ratio * scaled, solver.misfit
 
 
 class _QuadraticFit:

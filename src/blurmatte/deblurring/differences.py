@@ -107,6 +107,10 @@ class Differences:
                     total += np.bincount(place, a * b * own[lower], len(total))
         return total.reshape(self.size, width)
 
+    def bands(self, width: int) -> list[Array]:
+        """The band of the Q of each order."""
+        return [self.band(self.weights(k), width) for k in np.eye(len(self.orders))]
+
     def squares(self, color: Array) -> Array:
         """(m,) squares of the differences of a color, summed over channels."""
         return np.asarray(((self.matrix @ color) ** 2).sum(axis=1))

@@ -87,9 +87,7 @@ class Explained:
 
 
 def explained(
-    views: Sequence[View],
-    lattice: Lattice | Sphere,
-    weights: Sequence[Array] | None = None,
+    views: Sequence[View], lattice: Lattice | Sphere, weights: Sequence[Array] | None = None
 ) -> Explained:
     """The color that explains views, with the likeliest strength of its prior.
 
@@ -285,7 +283,9 @@ def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     at, start, steps = view.parameters, model(view), view.steps
     J = np.zeros((*start.shape, len(at)))
     for k in np.flatnonzero(steps > 0):
-        J[..., k] = (model(view.moved(_stepped(at, steps, int(k)))) - start) / steps[k]
+        J[..., k] = (model(view.moved(at + steps[k] * (np.arange(len(at)) == k))) - start) / steps[
+            k
+        ]
     return J
 
 
@@ -311,18 +311,12 @@ def _derivatives_on_sphere(
     J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros((len(light), len(at)))
     J[..., -HARMONICS:], volumes[:, -HARMONICS:] = light[..., 1:], 3 * volume[:, 1:]
     for k in np.flatnonzero(steps[:-HARMONICS] > 0):
-        moved = view.moved(_stepped(at, steps, int(k)))
+        moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
         other, changed, larger = moved.projected(sphere, count, color, spread)
         away = changed[..., 0] - light[..., 0] + view.through(other) - view.through(alpha)
         J[..., k] = away / steps[k]
         volumes[:, k] = 3 * (larger[:, 0] - volume[:, 0]) / steps[k]
     return J, volumes
-
-
-def _stepped(values: Array, steps: Array, k: int) -> Array:
-    moved = values.copy()
-    moved[k] += steps[k]
-    return moved
 
 
 def _at(views: Sequence[View], parameters: Array, covariance: Array | None = None) -> list[View]:

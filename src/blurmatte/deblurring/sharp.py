@@ -9,7 +9,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, check_kind, check_same_size, rows_columns
+from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.deblurring.compressed import compressed_color
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.lattice import Lattice
@@ -21,12 +21,12 @@ from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_fit import likelier_spin
-from blurmatte.deblurring.view import View
+from blurmatte.deblurring.view import View, check_pictures_of
 from blurmatte.errors import BlurmatteWarning, MotionError
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
 from blurmatte.notebook import Displayed
-from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.sweep import Sweep
@@ -279,11 +279,7 @@ def _checked_view(
     image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None, refine: bool
 ) -> View:
     """The view of one picture; TypeError or ValueError for arguments that do not belong together."""
-    check_picture("image", image)
-    check_picture("plate", plate)
-    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
-    check_same_size("the sweep", sweep.size, "the image", image.size)
-    check_same_size("the plate", plate.size, "the image", image.size)
+    check_pictures_of(sweep, image, plate)
     pair = with_noise(image, plate)
     if spin is None and refine:
         sweep = revised(*pair, sweep)
@@ -308,8 +304,9 @@ def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
     inflation = color_variance_inflation(state, smooth)
     of_channels = state.of_channels(lattice).widened(differences.width)
     if any(view.stored is not None for view in views):
-        found = compressed_color(state, equations, of_channels, differences, smooth, strengths)
-        color, variances, misfit = found
+        color, variances, misfit = compressed_color(
+            state, equations, of_channels, differences, smooth, strengths
+        )
     else:
         fit = fit_sparse([equations, of_channels], differences, smooth, strengths)
         color, misfit = fit.normal.mean, fit.noise_scale

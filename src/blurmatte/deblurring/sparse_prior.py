@@ -39,8 +39,7 @@ def fit_smooth(
 
     It starts from a fit under first differences alone, whose evidence is for the same noise.
     """
-    orders = np.eye(len(differences.orders))
-    bands = [differences.band(differences.weights(k), equations.width) for k in orders]
+    bands = differences.bands(equations.width)
     best, ratio, strength = start, 0.0, start.strength
     evidence = start.log_evidence + 1.5 * log_determinant(bands[0], differences)
     for tau in _RATIOS if len(bands) > 1 else ():
@@ -111,8 +110,7 @@ class Bound:
 
 def traces(differences: Differences, strengths: Array) -> Array:
     """tr(P⁺ Qₖ) of both orders, of the prior P = Σ λₖ Qₖ; a constant color is not penalized."""
-    orders = np.eye(len(strengths))
-    bands = [differences.band(differences.weights(k), differences.width) for k in orders]
+    bands = differences.bands(differences.width)
     P = np.tensordot(strengths, bands, 1)
     nodes = slice(1, differences.rank + 1)
     inverse = inverse_band(cholesky_of(P[nodes]))

@@ -26,7 +26,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, check_kind, check_same_size
+from blurmatte.checks import Array
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.refine import Explained, explained, refined, scores
@@ -44,9 +44,9 @@ from blurmatte.deblurring.spin_search import (
     Search,
     rotation_grid,
 )
-from blurmatte.deblurring.view import View
+from blurmatte.deblurring.view import View, check_pictures_of
 from blurmatte.errors import SpinError
-from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.sweep import Sweep
 
@@ -100,11 +100,7 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     >>> spin = bm.deblurring.fit_spin(image, plate, sweep)  # doctest: +SKIP
     >>> print(f"{spin.rate_deg:.0f}° ± {spin.rate_std_deg:.0f}°")  # doctest: +SKIP
     """
-    check_picture("image", image)
-    check_picture("plate", plate)
-    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
-    check_same_size("the sweep", sweep.size, "the image", image.size)
-    check_same_size("the plate", plate.size, "the image", image.size)
+    check_pictures_of(sweep, image, plate)
     _check_ball(sweep)
     image, plate = with_noise(image, plate)
     prior = _widened(sweep)
@@ -204,7 +200,7 @@ def _candidates(view: View) -> list[Explained]:
             found = search.modes(ranked, _rotation(at), starts)
             wanted = _new_rotations(search, found, states)
         else:
-            wanted = _near(_rotation(at))
+            wanted = [_rotation(at) + sign * _NEAR * a for a in np.eye(3) for sign in (-1, 1)]
         for rotation in wanted:
             state = refined([_start(at, rotation, view.covariance)], sphere, _FIRST_STEPS)
             weights = weights or state.weights
@@ -216,11 +212,6 @@ def _candidates(view: View) -> list[Explained]:
     ]
     final = [explained(refined([one], sphere).views, sphere, weights) for one in likely]
     return _ranked([*final, *_unlikely(states)])
-
-
-def _near(rotation: Array) -> list[Array]:
-    """Rotations around one."""
-    return [rotation + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1)]
 
 
 def _likely(states: Sequence[Explained]) -> list[Explained]:
@@ -417,9 +408,7 @@ def log_bayes_factor(
     )
     for view, nodes, sign in ((turning, sphere, 1), (still, lattice, -1)):
         differences = Differences.of(nodes)
-        band = differences.band(
-            differences.weights(np.eye(len(differences.orders))[0]), differences.width
-        )
+        band = differences.bands(differences.width)[0]
         evidence = explained([view], nodes, weights).fit.log_evidence
         evidence += 1.5 * log_determinant(band, differences)
         total += sign * (evidence + np.linalg.slogdet(view.covariance)[1] / 2)

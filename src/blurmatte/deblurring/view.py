@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations
@@ -28,7 +28,7 @@ from blurmatte.deblurring.operator import (
 )
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin
-from blurmatte.radiometry import SRGB, LinearImage, Transfer
+from blurmatte.radiometry import SRGB, LinearImage, Transfer, check_picture
 from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
 from blurmatte.sweep.sweep import Sweep
 
@@ -61,6 +61,15 @@ class StoredCodes:
             return None
         codes = np.asarray(transfer.encode(np.asarray(image.rgb, float)))
         return cls(codes, Coefficients(compression, image.valid.shape), transfer)
+
+
+def check_pictures_of(sweep: Sweep, image: LinearImage, plate: LinearImage) -> None:
+    """Raise TypeError or ValueError unless it is a sweep in two pictures of one size."""
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
+    check_same_size("the sweep", sweep.size, "the image", image.size)
+    check_same_size("the plate", plate.size, "the image", image.size)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
