@@ -21,7 +21,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Ints32
-from blurmatte.deblurring import operator_kernel, sphere_kernel
+from blurmatte.deblurring import sphere_kernel
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
@@ -104,6 +104,8 @@ def blur_operator(
     poses = poses_of(sweep) if poses is None else poses
     seen = seen_moments(sweep, pixels, poses)
     if isinstance(lattice, Lattice):
+        from blurmatte.deblurring import operator_kernel  # loads scipy.special
+
         A = sparse(operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen)), lattice.size)
         return Blur(A, seen.alpha(poses.durations))
     (first, moment, weight, normal), light, field = _on_sphere(poses, seen)
@@ -130,6 +132,8 @@ def blurred(
     near: "Seen | None" = None,
 ) -> tuple[Array, Array]:
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
+    from blurmatte.deblurring import operator_kernel  # loads scipy.special
+
     moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses, near))
     alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
     return np.asarray(alpha), np.asarray(sums)
@@ -172,6 +176,8 @@ class Seen(NamedTuple):
 
 def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses, near: Seen | None = None) -> Seen:
     """The moments at which pixels, or blocks of them, see the object: those of a near motion."""
+    from blurmatte.deblurring import operator_kernel  # loads scipy.special
+
     xy, soft = (poses.xy - np.array(pixels.origin)) / pixels.scale, sweep.softness / pixels.scale
     same = near is not None and np.array_equal(near.shape, sweep.shape)
     rim = near.rim if near and same else sweep.silhouette.rim(sweep.shape, pixels.scale)

@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from blurmatte.compiling import njit
+from blurmatte.deblurring.sphere_kernel import with_row
 from blurmatte.sweep.model.rim_kernel import reach_of, variance_of
 from blurmatte.sweep.model.silhouette_kernel import between, covered_softly, largest_stretch, spans
 
@@ -133,32 +134,6 @@ def interpolation(node, x, y, indices, weights):  # type: ignore[no-untyped-def]
     for q in range(count):
         weights[q] /= total
     return count
-
-
-@njit()
-def add_to_row(row, column, value, total, stamp, touched, found):  # type: ignore[no-untyped-def]
-    """Add an entry to a row of a sparse matrix; the number of columns that the row touches.
-
-    total (columns,) are the sums of the row, stamp (columns,) the last row that touched a column, and
-    touched[:found] the columns of this one.
-    """
-    if stamp[column] != row:
-        stamp[column], total[column], touched[found] = row, 0.0, column
-        found += 1
-    total[column] += value
-    return found
-
-
-@njit()
-def with_row(columns, values, at, total, touched):  # type: ignore[no-untyped-def]
-    """Columns and values with a row of ascending columns from `at` on, in longer arrays if need be."""
-    end = at + len(touched)
-    if end > len(columns):
-        columns = np.concatenate((columns, np.empty(2 * end - len(columns), np.int32)))
-        values = np.concatenate((values, np.empty(2 * end - len(values))))
-    for r in range(len(touched)):
-        columns[at + r], values[at + r] = touched[r], total[touched[r]]
-    return columns, values
 
 
 @njit()

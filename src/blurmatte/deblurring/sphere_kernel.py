@@ -12,7 +12,6 @@ import math
 import numpy as np
 
 from blurmatte.compiling import njit
-from blurmatte.deblurring.operator_kernel import add_to_row, with_row
 
 _STEEPEST = 0.9999  # distance from the center of a visible point, of the radius
 
@@ -172,6 +171,32 @@ def accumulate(entries, rotations, node, p, total, stamp, touched):  # type: ign
                 part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
                 found = add_to_row(p, column, share * part, total, stamp, touched, found)
     return found
+
+
+@njit()
+def add_to_row(row, column, value, total, stamp, touched, found):  # type: ignore[no-untyped-def]
+    """Add an entry to a row of a sparse matrix; the number of columns that the row touches.
+
+    total (columns,) are the sums of the row, stamp (columns,) the last row that touched a column, and
+    touched[:found] the columns of this one.
+    """
+    if stamp[column] != row:
+        stamp[column], total[column], touched[found] = row, 0.0, column
+        found += 1
+    total[column] += value
+    return found
+
+
+@njit()
+def with_row(columns, values, at, total, touched):  # type: ignore[no-untyped-def]
+    """Columns and values with a row of ascending columns from `at` on, in longer arrays if need be."""
+    end = at + len(touched)
+    if end > len(columns):
+        columns = np.concatenate((columns, np.empty(2 * end - len(columns), np.int32)))
+        values = np.concatenate((values, np.empty(2 * end - len(values))))
+    for r in range(len(touched)):
+        columns[at + r], values[at + r] = touched[r], total[touched[r]]
+    return columns, values
 
 
 @njit()

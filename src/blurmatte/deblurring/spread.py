@@ -25,7 +25,6 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats, check_kind, check_map, rows_columns
-from blurmatte.deblurring import operator_kernel
 from blurmatte.deblurring.operator import Sparse, sparse
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
@@ -240,6 +239,8 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
 
 def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     """G (pixels, parts), middles of the parts (parts, 2), and their distances from the start."""
+    from blurmatte.deblurring import operator_kernel  # loads scipy.special
+
     path, pixels = sweep.trajectory, Pixels.of_box(sweep.box)
     steps = np.linalg.norm(np.diff(path.xy, axis=0), axis=1)
     length = np.concatenate([[0], np.cumsum(steps)]) + 1e-9 * path.t  # increases also at rest

@@ -20,7 +20,6 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array
 from blurmatte.intrinsics import Intrinsics
-from blurmatte.motion.space import perspective_ball_kernel
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
 from blurmatte.sweep.model.pixels import Pixels
@@ -59,6 +58,8 @@ class PerspectiveBall(Shape):
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
         """Alpha of a moving ball, and its derivatives."""
+        from blurmatte.motion.space import perspective_ball_kernel  # loads scipy.special
+
         assert isinstance(family, Polynomial)
         alpha = np.zeros(pixels.shape)
         J = np.zeros((*alpha.shape, len(path) + len(shape)))
