@@ -186,9 +186,8 @@ def deblur(
 ) -> Sharp:
     """The sharp object of one blurred picture, or of several of the same object.
 
-    Each picture blurs along its own path; several in different directions determine details that one
-    leaves open. The object must show the same side in the same orientation in all of them, apart from
-    the turn of its sweep.
+    Several pictures with paths in different directions determine details that one leaves open. The
+    object must show the same side in the same orientation in all, apart from the turn of its sweep.
 
     Parameters
     ----------
@@ -199,8 +198,7 @@ def deblur(
     sweep : Sweep or sequence of them
         The motion in each image: `fit_sweep`, or `Solution.sweep`.
     refine : bool
-        Refine path, shape and spin by the evidence of the light; a sweep that it contradicts is
-        replaced.
+        Refine path, shape and spin by the light, and replace a sweep that it contradicts.
     spin : Spin, optional
         How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it.
         Without a spin, a ball shows one side. "auto": the spin of a disc is searched for, which takes
@@ -213,14 +211,12 @@ def deblur(
     Raises
     ------
     TypeError, ValueError
-        If an argument is something else, numbers or sizes differ, or there is a spin and several
-        pictures, or no ball.
+        If an argument is something else, numbers or sizes differ, or a spin is not of one ball.
 
     Warns
     -----
     BlurmatteWarning
-        If a sweep has a `rejection`, the residuals have more than twice the variance of the noise, or a
-        spin that was searched for is not certain.
+        If a sweep has a `rejection`, the light is not explained, or a spin from a search is uncertain.
 
     Examples
     --------

@@ -202,14 +202,12 @@ def _candidates(view: View) -> list[Explained]:
         else:
             wanted = [_rotation(at) + sign * _NEAR * a for a in np.eye(3) for sign in (-1, 1)]
         for rotation in wanted:
-            state = refined([_start(at, rotation, view.covariance)], sphere, _FIRST_STEPS)
+            state = refined([_start(at, view.covariance, rotation)], sphere, _FIRST_STEPS)
             weights = weights or state.weights
             states.append(explained(state.views, sphere, weights))
         states = _ranked(states)
         at = states[0].views[0]
-    likely = [
-        _start(one.views[0], _rotation(one.views[0]), view.covariance) for one in _likely(states)
-    ]
+    likely = [_start(one.views[0], view.covariance) for one in _likely(states)]
     final = [explained(refined([one], sphere).views, sphere, weights) for one in likely]
     return _ranked([*final, *_unlikely(states)])
 
@@ -241,16 +239,16 @@ def _refined_on_fine(
     sphere, states = Sphere.within(fine.sweep.radius, MAX_NODES), list[Explained]()
     for candidate in candidates[:_MAX_FINE]:
         (one,) = candidate.views
-        start = _start(replace(fine, sweep=one.sweep, spin=one.spin), _rotation(one), covariance)
+        start = _start(replace(fine, sweep=one.sweep, spin=one.spin), covariance)
         state = refined([start], sphere)
         states.append(explained(state.views, sphere, states[0].weights) if states else state)
     return _ranked(states)
 
 
-def _start(view: View, rotation: Array, covariance: Array) -> View:
-    """A view with another rotation, and a prior of all parameters."""
-    spin = replace(view.spin or Spin(rotation), rotation=rotation)
-    one = replace(view, spin=spin)
+def _start(view: View, covariance: Array, rotation: Array | None = None) -> View:
+    """A view with a prior of all parameters, and perhaps another rotation."""
+    rotation = _rotation(view) if rotation is None else rotation
+    one = replace(view, spin=replace(_spin_of(view), rotation=rotation))
     return one.moved(one.parameters, covariance)
 
 

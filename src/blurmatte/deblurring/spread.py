@@ -39,7 +39,7 @@ _MIN_ALPHA_STD = 1e-3  # of the model of alpha
 
 
 @dataclass(frozen=True, eq=False)
-class _Problem:
+class _Deconvolution:
     """χ (k, k), and the weights (h, w) of alpha, 0 outside the data; where h may be."""
 
     chi: Array
@@ -105,7 +105,7 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
             "alpha is nowhere large enough, compared with its error, for the silhouette"
         )
     near = scipy.ndimage.binary_dilation(support, chi > 0) & known
-    problem = _Problem(chi, np.where(near, 1 / std.astype(float) ** 2, 0), support)
+    problem = _Deconvolution(chi, np.where(near, 1 / std.astype(float) ** 2, 0), support)
     h = _solved(problem, data)
     rng = np.random.default_rng(0)
     model, scatter = problem.blurred(h), np.where(near, std, 0)
@@ -122,7 +122,7 @@ def _support(streak: Bools, chi: Array) -> Bools:
     return np.asarray(within > _MIN_WITHIN)
 
 
-def _solved(problem: _Problem, data: Array) -> Array:
+def _solved(problem: _Deconvolution, data: Array) -> Array:
     """H (H, W) of the projected gradient steps for one alpha [Beck & Teboulle 2009].
 
     They end where the residuals have the size of the noise, before they fit it. SciPy has no least

@@ -4,8 +4,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
 
-import numpy as np
-
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Floats, check_kind
 from blurmatte.color.model import ColorModel
@@ -14,6 +12,7 @@ from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
 from blurmatte.motion.clip.positions_3d import places_in_space
 from blurmatte.motion.clip.scene import noise_of, plate_in_light_of
+from blurmatte.motion.clip.solving import swept_disc
 from blurmatte.motion.clip.summary import KnownQuantities, Places
 from blurmatte.motion.clip.workers import Workers, logged, shared
 from blurmatte.motion.picture.error_budget import check_with_std
@@ -22,8 +21,6 @@ from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.radiometry import LinearImage, Noise, check_picture
 from blurmatte.radiometry.coded import CodedSequence, each_coded
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.silhouette import DISC
-from blurmatte.sweep.sweep import Sweep
 
 
 def fit_balls(
@@ -39,31 +36,25 @@ def fit_balls(
 ) -> Iterator[BallMotion | None]:
     """Fit a ball in three dimensions to the detection in each frame of a clip.
 
-    As `fit_ball`, started at the detection. The silhouette is the perspective image of a ball: an
-    ellipse off the center of the picture, which grows as the ball approaches.
+    As `fit_ball`, started at the detection.
 
     Parameters
     ----------
-    frames : sequence of LinearImage
-        The measured frames.
-    plate : LinearImage
-        The same scene without it.
+    frames, plate : sequence of LinearImage, and LinearImage
+        The measured frames, and the same scene without it.
     rows : sequence of FrameMotion
         From `measure_clip`; for several objects one or more for each frame.
     model : ColorModel
         The ball's color; `clip_color` finds it. Nothing is fitted with a model of any colors (rank 3).
-    intrinsics : Intrinsics
-        Of the camera.
-    radius, radius_std : float
-        Of the ball, meters.
+    intrinsics, radius, radius_std
+        As in `measure_ball`.
     workers
         As in `sightings`.
 
     Yields
     ------
     BallMotion or None
-        One for each row, in the direction of time if the row has it; None without a detection, or if
-        no ball explains it.
+        One for each row, in its direction; None without a detection, or if no ball explains it.
 
     Raises
     ------
@@ -87,9 +78,8 @@ def fit_balls(
         raise ValueError("frames must be one or more, got none")
     first, plate = with_noise(frames[0], plate)
     fit = _BallFitter(plate, model, noise_of(first), intrinsics, (radius, radius_std))
-    by_frame = (
-        tuple(row.sighting for row in group) for _, group in groupby(rows, lambda row: row.frame)
-    )
+    groups = groupby(rows, lambda row: row.frame)
+    by_frame = (tuple(row.sighting for row in group) for _, group in groups)
     with shared(workers) as processes:
         tasks = zip(_each(frames), by_frame, strict=False)
         yield from chain.from_iterable(processes.in_order(fit, tasks))
@@ -136,15 +126,8 @@ class _BallFitter:
         if one is None or not _may_be_ball(one):
             return None
         radius, std = self.radius
-        start = Sweep(
-            LINE,
-            one.motion.trajectory.xy[[0, -1]].ravel(),
-            DISC,
-            np.array([one.motion.radius]),
-            self.model,
-            np.zeros((5, 5)),
-            image.size,
-        )
+        ends = one.motion.trajectory.xy[[0, -1]].ravel()
+        start = swept_disc(LINE, ends, one.motion.radius, self.model, image.size)
         try:
             return fit_ball(image, plate, self.intrinsics, radius, radius_std=std, sweep=start)
         except BlurmatteError:

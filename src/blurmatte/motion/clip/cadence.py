@@ -20,7 +20,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array
-from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, grouped, in_intervals
 from blurmatte.motion.clip.smoothing import MIN_STD_PX
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 
@@ -52,12 +52,8 @@ class Cadence:
     @classmethod
     def of(cls, rows: Sequence[FrameMotion]) -> Cadence:
         """Of the rows of one object, in order."""
-        tracks: dict[int | None, list[int]] = {}
-        for k, row in enumerate(rows):
-            if row.sighting is not None:
-                tracks.setdefault(row.track, []).append(k)
         times, repeated, jumps = in_intervals(rows), [], []
-        for of in tracks.values():
+        for of in grouped(rows, lambda row: row.track):
             mine = [rows[k] for k in of]
             steps = _steps(mine, np.array([times[k] for k in of]))
             for (before, after), factor in zip(pairwise(mine), steps, strict=True):
@@ -70,12 +66,9 @@ class Cadence:
     @classmethod
     def stated(cls, rows: Iterable[FrameMotion]) -> Cadence:
         """As the rows from `link_sightings` or `link_objects` say: repeated frames have a doubt."""
-        found = [row for row in rows if row.sighting is not None]
-        by_object: dict[int | None, list[FrameMotion]] = {}
-        for row in found:
-            by_object.setdefault(row.object, []).append(row)
-        parts = [cls.of(mine) for mine in by_object.values()]
-        repeated = {row.frame for row in found if row.sighting and is_repeat(row.sighting)}
+        rows = list(rows)
+        parts = [cls.of([rows[k] for k in of]) for of in grouped(rows, lambda row: row.object)]
+        repeated = {row.frame for row in rows if row.sighting and is_repeat(row.sighting)}
         jumps = {jump for part in parts for jump in part.jumps}
         return cls(tuple(sorted(repeated)), tuple(sorted(jumps)))
 

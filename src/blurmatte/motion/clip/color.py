@@ -1,7 +1,8 @@
 """clip_color: the color of the moving object in a clip, fused from some of its frames."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameMotion
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
-from blurmatte.motion.clip.workers import Workers, shared, successes
+from blurmatte.motion.clip.workers import Workers, shared, spread_out, successes
 from blurmatte.radiometry import LinearImage, light_of_hex
 from blurmatte.radiometry.coded import coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
@@ -23,7 +24,7 @@ Vote = tuple[DiscColors, float, int]  # colors, their weight, and the number of 
 
 # Frames and streaks that vote for the color, and when the vote ends.
 _FRAMES_PER_ROUND = 6
-_ROUND_STARTS = (2, 0, 1, 3)  # quarters of the distance between frames
+_ROUND_STARTS = (0.5, 0.0, 0.25, 0.75)  # of the distance between frames
 _STREAKS_PER_FRAME = 3  # the strongest
 _MIN_AGREEING_FRAMES = 4
 _MIN_LEAD = 2.0  # times the weight of all other colors
@@ -106,7 +107,8 @@ def color_in_scene(
         raise MotionError(f"{NOTHING_MOVED}: all frames agree with the plate; choose other frames")
     for fit, inside, rounds in _TRIALS:
         voter = _Voter(scene, fit, inside)
-        parts = ((slice(k, k + 1), k) for k in _spread(busy, rounds))
+        some = chain.from_iterable(spread_out(busy, _FRAMES_PER_ROUND, _ROUND_STARTS[:rounds]))
+        parts = ((slice(k, k + 1), k) for k in some)
         found = successes(workers.over(frames, voter, parts, 1))
         for number, colors in enumerate(found):
             votes += [(one, weight, number) for one, weight in colors]
@@ -124,13 +126,6 @@ def color_in_scene(
     if two and more:
         return ColorModel.any()
     return fuse_colors([colors.plane if two else colors.mean for colors, _, _ in group])
-
-
-def _spread(numbers: Sequence[int], rounds: int) -> Iterator[int]:
-    """Frames all over the clip, each round in order and between the frames of the others."""
-    step = -(-len(numbers) // _FRAMES_PER_ROUND)
-    for first in dict.fromkeys(step * n // 4 for n in _ROUND_STARTS[:rounds]):
-        yield from numbers[first::step] if step else ()
 
 
 def _largest_group(votes: Sequence[Vote]) -> list[Vote]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -282,6 +282,15 @@ def in_intervals(rows: Sequence[FrameSightings] | Sequence[FrameMotion]) -> list
         return numbers
     # Rounded, so that the frames of a constant rate have whole numbers.
     return [round((known[row.frame] - times[0]) / interval, 6) for row in rows]
+
+
+def grouped(rows: Sequence[FrameMotion], key: Callable[[FrameMotion], Hashable]) -> list[list[int]]:
+    """Indices of the rows with a detection that have the same key, in the order of their first."""
+    groups: dict[Hashable, list[int]] = {}
+    for k, row in enumerate(rows):
+        if row.sighting is not None:
+            groups.setdefault(key(row), []).append(k)
+    return list(groups.values())
 
 
 def parts_of_tracks(rows: Sequence[FrameMotion]) -> npt.NDArray[np.int_]:

@@ -97,15 +97,19 @@ def fit_fall(
     check_line_time_of_clip(line_time, rows)
     track = main_track(rows)
     _check_count(len(track), "frames of one track")
+    fall = replace(_fall_of_track(track, line_time), scale=scale)
+    return fall if gravity is None else fall.in_gravity(gravity, gravity_std)
+
+
+def _fall_of_track(track: Sequence[FrameMotion], line_time: float) -> FreeFall:
+    """The parabola of the rows of a track."""
     seen = [row.sighting for row in track if row.sighting is not None]
     places = np.array([s.motion.center for s in seen])
-    rows_of_sensor = np.array([s.rows[0] for s in seen])
-    times = _times([row.time for row in track]) + line_time * rows_of_sensor
+    times = _times([row.time for row in track]) + line_time * np.array([s.rows[0] for s in seen])
     least = MIN_POSITION_STD_PX**2 * np.eye(2)
     known = np.array([s.motion.center_covariance + least for s in seen])
     flight = _Flight([row.frame for row in track], times, places, known)
-    fall = replace(flight.fall(np.array([one.is_sound for one in seen])), scale=scale)
-    return fall if gravity is None else fall.in_gravity(gravity, gravity_std)
+    return flight.fall(np.array([one.is_sound for one in seen]))
 
 
 def fit_fall_in_space(

@@ -1,6 +1,6 @@
 """link_sightings, link_objects: detections in single frames → tracks of one object or several."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +8,7 @@ import numpy as np
 from blurmatte.checks import check_kind
 from blurmatte.motion.clip.cadence import at_captures, doubting_repeats, is_repeat
 from blurmatte.motion.clip.clip_path import ClipPath, ClipRadius
-from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
+from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting, grouped
 from blurmatte.motion.clip.robust_curve import comparable_rows
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 from blurmatte.motion.columns import Rows
@@ -132,44 +132,35 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     and the radius of the clip.
     """
     compared = list(rows)
-    numbers: dict[int | None, list[int]] = {}
-    for k, row in enumerate(rows):
-        if row.sighting:
-            numbers.setdefault(row.object, []).append(k)
-    for of in numbers.values():
+    objects = grouped(rows, lambda row: row.object)
+    for of in objects:
         for k, row in zip(of, doubting_repeats([compared[k] for k in of]), strict=True):
             compared[k] = row
     compared = at_captures(compared)
-    for of in numbers.values():
+    for of in objects:
         mine = [compared[k] for k in of]
         path = ClipPath.of(mine, comparable_rows(mine))
-        _doubt(compared, of, {k: path.doubt(k) for k in np.flatnonzero(path.contradicts).tolist()})
+        _doubt(compared, of, path)
         size = ClipRadius.of([compared[k] for k in of])
-        _doubt(compared, of, {k: size.doubt(k) for k in np.flatnonzero(size.contradicts).tolist()})
+        _doubt(compared, of, size)
         for k in of:
             if (sighting := compared[k].sighting) is None:
                 continue
-            factors = *path.factors(sighting), size.factor(sighting)
-            compared[k] = replace(
-                compared[k],
-                sighting=replace(
-                    sighting,
-                    place_scatter=factors[0],
-                    path_scatter=factors[1],
-                    radius_scatter=factors[2],
-                ),
+            place, move = path.factors(sighting)
+            radius = size.factor(sighting)
+            sighting = replace(
+                sighting, place_scatter=place, path_scatter=move, radius_scatter=radius
             )
+            compared[k] = replace(compared[k], sighting=sighting)
     return compared
 
 
-def _doubt(rows: list[FrameMotion], of: Sequence[int], doubts: Mapping[int, str]) -> None:
-    """Give some of the rows of an object doubts, by their number among these; repeats keep theirs."""
-    for k, doubt in doubts.items():
+def _doubt(rows: list[FrameMotion], of: Sequence[int], curve: ClipPath | ClipRadius) -> None:
+    """Give the rows of an object that contradict its curve a doubt; repeats keep theirs."""
+    for k in np.flatnonzero(curve.contradicts).tolist():
         sighting = rows[of[k]].sighting
-        assert sighting is not None
-        if is_repeat(sighting):
-            continue
-        rows[of[k]] = replace(rows[of[k]], sighting=sighting.with_doubts(doubt))
+        if sighting is not None and not is_repeat(sighting):
+            rows[of[k]] = replace(rows[of[k]], sighting=sighting.with_doubts(curve.doubt(k)))
 
 
 def _row(

@@ -31,6 +31,7 @@ MAX_PARTS = 3  # of a frame, for one object
 MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
 _CLOSING_PX = 3  # gaps where the plate has the object's own color
 _MARGIN_PX = 4  # where the edge fades below the noise
+_PADDING_PX = _CLOSING_PX + _MARGIN_PX  # of a part on each side
 _STRIP_ROWS = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
 _TRUNCATION_STD = 4.0  # standard deviations at which SciPy truncates a Gaussian
 
@@ -141,18 +142,13 @@ def _strong(strength: Floats) -> Bools | None:
     strong = strength > max(_EXTENT_STD, _MIN_STRENGTH_FRACTION * usual)
     if np.count_nonzero(strong) < _MIN_AREA_PX:
         return None
-    filled = scipy.ndimage.binary_fill_holes(dilated(np.pad(strong, _padding()), _CLOSING_PX))
+    filled = scipy.ndimage.binary_fill_holes(dilated(np.pad(strong, _PADDING_PX), _CLOSING_PX))
     return dilated(filled, _MARGIN_PX - _CLOSING_PX)
-
-
-def _padding() -> int:
-    """Pixels by which closing and margin enlarge a part on each side."""
-    return _CLOSING_PX + _MARGIN_PX
 
 
 def _within(shape: tuple[int, ...], place: Place, mask: Bools) -> tuple[Place, Bools]:
     """The place of a padded mask in the picture, and the part of the mask inside the picture."""
-    first = [s.start - _padding() for s in place]
+    first = [s.start - _PADDING_PX for s in place]
     ends = zip(first, mask.shape, shape, strict=True)
     inside = tuple(slice(max(at, 0), min(at + n, side)) for at, n, side in ends)
     cut = tuple(slice(s.start - at, s.stop - at) for s, at in zip(inside, first, strict=True))

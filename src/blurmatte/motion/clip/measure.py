@@ -61,8 +61,7 @@ def sightings(
     For an object of one paint, the streaks are the parts of a frame in which light of its color shows;
     for others, all parts that changed and did not only become darker. Each is measured by a fit of a
     disc on a parabola if that explains it, else by the moments of alpha. For a single object of one
-    paint, streaks fainter than one that a disc explains are not measured. Frames share only the noise,
-    which is measured in the first one if none is given.
+    paint, streaks fainter than one that a disc explains are not measured. Frames share the noise.
 
     Parameters
     ----------
@@ -102,12 +101,9 @@ def sightings(
     """
     scene = scene_of(frames, plate, model, rate=rate)
     with shared(workers) as processes:
+        known = frames, scene, *in_colors_of(frames, scene, model), processes
         yield from sightings_in_scene(
-            *(frames, scene, *in_colors_of(frames, scene, model), processes),
-            several=several,
-            numbers=numbers,
-            rate=rate,
-            skip=skip,
+            *known, several=several, numbers=numbers, rate=rate, skip=skip
         )
 
 

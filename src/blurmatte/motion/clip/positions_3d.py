@@ -18,7 +18,7 @@ import numpy as np
 from blurmatte.checks import Array, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
-from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows, grouped
 from blurmatte.motion.picture.error_budget import (
     DIFFERENCE_STEP,
     by_axis,
@@ -169,9 +169,8 @@ def places_in_space(
 ) -> list[BallPlace | None]:
     """3-D position and velocity of a ball in each frame of a clip.
 
-    From the ball that was fitted to the picture (`fit_balls`), with the perspective of its image. Else
-    from position and radius of the detection, as of a disc; errors of moments do not include shading
-    and compression.
+    From the ball that was fitted to the picture (`fit_balls`), else from position and radius of the
+    detection, as of a disc; errors of moments do not include shading and compression.
 
     Parameters
     ----------
@@ -184,8 +183,7 @@ def places_in_space(
     balls : sequence of BallMotion or None, optional
         From `fit_balls`, one for each row; they replace the doubts of moments.
     line_time : float
-        Delay of a rolling shutter from each row of the sensor to the next, seconds; a frame is read
-        before the next one. The next row lies in the direction `readout` of each detection.
+        Delay of a rolling shutter from each row of the sensor to the next, seconds.
 
     Returns
     -------
@@ -195,8 +193,7 @@ def places_in_space(
     Raises
     ------
     ValueError
-        If radius is not above 0, its error is negative, or line_time is not finite, or longer than
-        frames allow.
+        If radius is not above 0, its error is negative, or line_time longer than frames allow.
 
     Examples
     --------
@@ -215,18 +212,10 @@ def places_in_space(
     places: list[BallPlace | None] = [None] * len(rows)
     shared: dict[int, Array] = {}
     for k, (row, ball) in enumerate(zip(rows, fitted, strict=True)):
-        place = _place(row, ball, intrinsics, radius)
+        place = _place(row, ball, intrinsics, radius, line_time)
         if place is not None and np.all(np.isfinite(place.place)):
-            S = shared[k] = _shared(place.place, intrinsics, radius, radius_std)
-            time, seen = row.time, row.sighting
-            if time is not None and seen is not None:
-                time += line_time * seen.rows[0]
-            places[k] = replace(
-                place,
-                time=time,
-                covariance=place.picture_covariance + S @ S.T,
-                shared=float(np.linalg.norm(place.place @ S)) / place.distance**2,
-            )
+            shared[k] = _shared(place.place, intrinsics, radius, radius_std)
+            places[k] = _with_shared_errors(place, shared[k])
     for track in _tracks(rows, places):
         _set_velocities(places, track, shared)
     return places
@@ -241,8 +230,19 @@ def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> No
     check_line_time(line_time, most, interval)
 
 
+def _with_shared_errors(ball: BallPlace, S: Array) -> BallPlace:
+    """The position with the errors that all frames share."""
+    covariance = ball.picture_covariance + S @ S.T
+    shared = float(np.linalg.norm(ball.place @ S)) / ball.distance**2
+    return replace(ball, covariance=covariance, shared=shared)
+
+
 def _place(
-    row: FrameMotion, ball: BallMotion | None, intrinsics: Intrinsics, radius: float
+    row: FrameMotion,
+    ball: BallMotion | None,
+    intrinsics: Intrinsics,
+    radius: float,
+    line_time: float,
 ) -> BallPlace | None:
     """Position from a fitted ball, else from the disc of a detection, with the errors of the frame."""
     seen = row.sighting
@@ -253,7 +253,8 @@ def _place(
     else:
         place = replace(BallPlace.of(ball, row.frame, row.time), track=row.track or 1)
     doubted = bool(seen.motion.doubts) and (ball is None or seen.motion.source == "sweep")
-    return replace(place, doubted=doubted)
+    time = None if row.time is None else row.time + line_time * seen.rows[0]
+    return replace(place, doubted=doubted, time=time)
 
 
 def _of_disc(row: FrameMotion, seen: Sighting, intrinsics: Intrinsics, radius: float) -> BallPlace:
@@ -288,11 +289,9 @@ def _shared(place: Array, intrinsics: Intrinsics, radius: float, radius_std: flo
 
 def _tracks(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None]) -> list[list[int]]:
     """Indices of the rows of each track, in order; those without doubts and with a time."""
-    tracks: dict[tuple[int | None, int | None], list[int]] = {}
-    for k, (row, ball) in enumerate(zip(rows, places, strict=True)):
-        if ball is not None and not ball.doubted and ball.time is not None:
-            tracks.setdefault((row.object, row.track), []).append(k)
-    return list(tracks.values())
+    use = {k for k, one in enumerate(places) if one and not one.doubted and one.time is not None}
+    tracks = grouped(rows, lambda row: (row.object, row.track))
+    return [[k for k in track if k in use] for track in tracks]
 
 
 def _set_velocities(

@@ -23,19 +23,19 @@ from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene
-from blurmatte.motion.clip.workers import Workers, successes
+from blurmatte.motion.clip.workers import Workers, spread_out, successes
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
-from blurmatte.sweep.model.path import LINE, PARABOLA
+from blurmatte.sweep.model.path import LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.silhouette import DISC
 
 STRETCH_FRAMES = 16  # of which the camera's readout time is measured at most
 SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a time
-_PARTS = (0.0, 0.5, 0.25)  # of the distance between them, where those of the next time are
+_STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between these
 _MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
@@ -378,7 +378,7 @@ def _stretched(
     pairs, shutter = [], RollingShutter()
     seen = [one.row.sighting for one in known if one.row.sighting is not None]
     readout = seen[0].motion.readout if seen else "down"  # of all frames of a clip
-    for some in _batches(known, STRETCH_FRAMES):
+    for some in spread_out(known, STRETCH_FRAMES, _STARTS):
         pairs += [(x, w.displacement) for x, w in zip(measured(some), some, strict=True) if x]
         shutter = RollingShutter.of(pairs, readout)
         if shutter.is_decisive or shutter.log_odds < 0:
@@ -401,7 +401,7 @@ def _decided(
     """
     odds: list[tuple[float, float]] = []
     total = np.zeros(2)
-    for some in _batches(known, SILHOUETTE_FRAMES):
+    for some in spread_out(known, SILHOUETTE_FRAMES, _STARTS):
         found = successes(workers.over(frames, solver.silhouette_odds, parts_to_solve(some)))
         odds += [one for one in found if one is not None]
         total = pooled_log_odds(odds, mistake_probability)
@@ -409,13 +409,6 @@ def _decided(
             break
     disc, shape = (total > DECISIVE_LOG_BAYES_FACTOR).tolist()
     return disc, shape
-
-
-def _batches(known: Sequence[Wanted], size: int) -> Iterator[Sequence[Wanted]]:
-    """So many frames all over the clip at a time, then others between them."""
-    step = -(-len(known) // size) or 1
-    for first in dict.fromkeys(int(step * part) for part in _PARTS):
-        yield known[first::step]
 
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:
@@ -436,10 +429,19 @@ def _start(
     """Where the fit starts: the path from all frames, or else the one that was measured."""
     if sighting.motion.source != "sweep" and prior is None:
         return None
-    family, ends = LINE, sighting.motion.trajectory.xy[[0, -1]].ravel()
-    path = LINE.shifted(ends, -np.array(crop.box[:2], float))
+    family: PathFamily = LINE
+    path = LINE.shifted(
+        sighting.motion.trajectory.xy[[0, -1]].ravel(), -np.array(crop.box[:2], float)
+    )
     if prior is not None and prior.path is not None:
         family, path = PARABOLA, prior.path.points.ravel()
-    shape = DISC.start(sighting.motion.radius if prior is None else prior.radius)
+    radius = sighting.motion.radius if prior is None else prior.radius
+    return swept_disc(family, path, radius, model, crop.image.size)
+
+
+def swept_disc(
+    family: PathFamily, path: Array, radius: float, model: ColorModel, size: tuple[int, int]
+) -> Sweep:
+    """A disc of a radius on a path, without errors, in a picture of a size."""
     covariance = np.zeros((len(path) + 1, len(path) + 1))
-    return Sweep(family, path, DISC, shape, model, covariance, crop.image.size)
+    return Sweep(family, path, DISC, DISC.start(radius), model, covariance, size)

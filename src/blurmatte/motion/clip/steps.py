@@ -388,8 +388,7 @@ def solve_clip(
     index : int
         Of the frame, from 0; of several objects in one frame each is yielded.
     solution : Solution
-        In the whole picture. Frames without the object, and those in which it cannot be separated,
-        are left out.
+        In the whole picture. Frames in which the object cannot be separated are left out.
 
     Raises
     ------

@@ -255,6 +255,16 @@ class _OfClip:
         return self.work(self.frames[which], *more)
 
 
+def spread_out(items: Sequence[T], count: int, starts: Iterable[float]) -> Iterator[Sequence[T]]:
+    """About so many items from all over a sequence at a time, then others between them.
+
+    Starts are fractions of the distance between items.
+    """
+    step = -(-len(items) // count) or 1
+    for first in dict.fromkeys(int(step * start) for start in starts):
+        yield items[first::step]
+
+
 def successes(outcomes: Iterable[Result | Failure]) -> Iterator[Result]:
     """Results of tasks; the error of the first that failed is raised."""
     for outcome in outcomes:

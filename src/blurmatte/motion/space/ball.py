@@ -145,15 +145,7 @@ def fit_ball(
     if sweep is None:
         sweep = fit_sweep(image, plate)
     best = _best_fit(intrinsics, sweep, image, plate)
-    family, n = best.family, len(best.path)
-    H, _ = best.information()
-    covariance = np.linalg.pinv(H, hermitian=True) * best.variance_inflation * VARIANCE
-    picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance))
-    found = diagnosed(Candidate(best), best.radius, float(covariance[n, n] ** 0.5), 0.0)
-    _check_accepted(
-        replace(sweep, diagnostics=found),
-        "no ball on a straight line or with constant acceleration explains the streak",
-    )
+    picture, family, n = _accepted(best, sweep), best.family, len(best.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
         """Positions at begin, middle and end for a radius of 1."""
@@ -163,6 +155,17 @@ def fit_ball(
 
     sizes, times = (radius, radius_std), (exposure_time, exposure_std)
     return ball_motion(nodes, picture, intrinsics, sizes, times, family.name)
+
+
+def _accepted(best: State, sweep: Sweep) -> Source:
+    """The parameters of a fit from a sweep, and their covariance; MotionError if it is rejected."""
+    H, _ = best.information()
+    covariance = np.asarray(np.linalg.pinv(H, hermitian=True) * best.variance_inflation * VARIANCE)
+    radius_std = float(covariance[len(best.path), len(best.path)] ** 0.5)
+    found = diagnosed(Candidate(best), best.radius, radius_std, 0.0)
+    what = "no ball on a straight line or with constant acceleration explains the streak"
+    _check_accepted(replace(sweep, diagnostics=found), what)
+    return Source(np.concatenate([best.path, best.shape]), covariance)
 
 
 def _check_accepted(sweep: Sweep, what: str) -> None:

@@ -104,33 +104,24 @@ def depth_from_blur(
         Straight and at constant speed.
     intrinsics : Intrinsics
         Of the camera.
-    speed : float
-        m/s.
-    exposure_time : float
-        Seconds.
+    speed, exposure_time : float
+        m/s, and seconds.
     direction : (3,) float, optional
-        Of the motion, x right, y down, z forward, of any length and sign. If not given, parallel to
-        the picture: the depth of a motion at an angle φ to it is then too large by 1/cos φ on the
-        axis, and wrong by more off the axis.
+        Of the motion, x right, y down, z forward, of any length and sign. If not given, parallel to the
+        picture: the depth of a motion at an angle φ to it is then too large by 1/cos φ or more.
     speed_std, exposure_std, path_std : float
         Standard deviations; the last of each coordinate of both ends of a Trajectory, pixels.
 
     Raises
     ------
-    TypeError, ValueError
-        For another path, or a number out of its range.
-    MotionError
-        If nothing moved in the picture, or the direction cannot be that of this streak.
+    TypeError, ValueError, MotionError
+        For another path, a number out of its range, or a direction that cannot be that of this streak.
 
     Examples
     --------
     >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
-    >>> far = bm.motion.depth_from_blur(sweep, lens, speed=2.0, exposure_time=1 / 60, speed_std=0.1)
-    >>> for sentence in bm.explain(far):
-    ...     print(sentence)
-    It was 0.0556 ± 0.0028 m away along the optical axis.
-    This assumes a motion parallel to the picture; otherwise it was mostly nearer.
-    The error of the distance comes mostly from the speed that was given (5.0% alone).
+    >>> bm.motion.depth_from_blur(sweep, lens, speed=2.0, exposure_time=1 / 60, speed_std=0.1)
+    BlurDepth(0.05563 ± 0.0028 m)
     """
     check_with_std("speed", speed, speed_std)
     check_positive("exposure_time", exposure_time)
@@ -151,9 +142,7 @@ def depth_from_blur(
 
     values, parts = covariances(depths, sources)
     if not (np.all(np.isfinite(values)) and values[0] > 0 and values[1] > 0):
-        raise MotionError(
-            "no motion along direction gives this streak; check it, or measure a longer streak"
-        )
+        raise MotionError("no motion along direction gives this streak; check it, or expose longer")
     (start, end, mean, off), total = map(float, values), sum(parts.values(), np.zeros((4, 4)))
     return BlurDepth(start, end, total[:2, :2], off, relative_errors(parts, 2, mean))
 

@@ -257,32 +257,24 @@ def measure_on_plane(
     Parameters
     ----------
     path : Sweep or Trajectory
-        Of one of its points in the picture. For a sweep this is the center of the outline, which is
-        above the plane: give its height.
+        Of one of its points in the picture: of a sweep the center, whose height must be given.
     plane : Plane
-    exposure_time : float, optional
-        Seconds; without it there is no speed.
-    exposure_std : float
-        Its standard deviation.
-    height, height_std : float
-        Of the point above the plane, meters.
-    path_std : float
-        Standard deviation of each coordinate of both ends of a Trajectory, pixels.
+    exposure_time, exposure_std : float, optional
+        Seconds, and their standard deviation; without them there is no speed.
+    height, height_std, path_std : float
+        Of the point above the plane, meters; of each coordinate of both ends of a Trajectory, pixels.
 
     Raises
     ------
-    TypeError, ValueError
-        For another path, or a number out of its range.
-    MotionError
-        If the path crosses the horizon of the plane, or is a point.
+    TypeError, ValueError, MotionError
+        For another path, a number out of its range, or a path that is a point or beyond the horizon.
 
     Examples
     --------
     >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
     >>> wall_behind = bm.motion.Plane.from_pose(lens, np.eye(3), (0, 0, 2.0))
-    >>> moved = bm.motion.measure_on_plane(sweep, wall_behind)
-    >>> print(f"{100 * moved.length:.1f} ± {100 * moved.length_std:.1f} cm")
-    119.8 ± 0.4 cm
+    >>> bm.motion.measure_on_plane(sweep, wall_behind)
+    PlaneMotion(1.198 ± 0.0038 m)
     """
     check_kind("plane", plane, Plane, "use blurmatte.motion.Plane.from_points(pixels, meters)")
     check_exposure(exposure_time, exposure_std)
@@ -306,10 +298,10 @@ def measure_on_plane(
     if not values[4] > 0:
         raise MotionError("nothing moved: start and end of the path are one point")
     total = sum(parts.values(), np.zeros((5, 5)))
-    length, length_std, time = float(values[4]), float(np.sqrt(total[4, 4])), exposure_time
-    relative = relative_errors(parts, 4, length, time, exposure_std)
-    start, end, V = values[:2], values[2:4], total[:4, :4]
-    return PlaneMotion(start, end, V, length, length_std, relative, time, exposure_std)
+    length, length_std = float(values[4]), float(np.sqrt(total[4, 4]))
+    relative = relative_errors(parts, 4, length, exposure_time, exposure_std)
+    places = values[:2], values[2:4], total[:4, :4]
+    return PlaneMotion(*places, length, length_std, relative, exposure_time, exposure_std)
 
 
 def _raised(H: Array, height: float) -> Array:
