@@ -35,7 +35,6 @@ from blurmatte.deblurring.sphere import FIELD_STD, HARMONICS, MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_search import (
     CONTRASTS,
-    MAX_STARTS,
     NO_TEXTURE,
     NODES_PER_RADIUS,
     SAME_MODE,
@@ -61,6 +60,7 @@ RADIUS_PRIOR_PX = 0.1
 MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
 PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
 _COARSE_PIXELS_PER_RADIUS = 7
+_MAX_STARTS = 24  # from the grid
 _RANKED_AGAIN = 150  # rotations of the grid
 _NEAR = np.radians(20)
 _FIRST_STEPS = 3
@@ -192,7 +192,7 @@ def _candidates(view: View) -> list[Explained]:
     sphere = Sphere.of(view.sweep.radius, view.sweep.radius / NODES_PER_RADIUS)
     at, states, weights = view, list[Explained](), None
     grid = [*rotation_grid(SPACING)]
-    for starts in (MAX_STARTS, MAX_STARTS // 2, 0):
+    for starts in (_MAX_STARTS, _MAX_STARTS // 2, 0):
         if starts:
             search = Search.of(at)
             ranked = search.ranked(grid)

@@ -45,7 +45,6 @@ SPACING = np.radians(28)  # of the grid of rotations: maxima of log Z are about 
 _MAX_STEP = np.radians(12)  # of a climb
 _MIN_GAIN = 3.0  # of log Z, by a step
 _MAX_STEPS = 10  # of a climb
-MAX_STARTS = 24  # from the grid
 _NEAR = np.radians(15)  # starts that are nearer are one
 SAME_MODE = np.radians(8)  # maxima that are nearer are one
 _MAX_MODES = 2  # of each contrast

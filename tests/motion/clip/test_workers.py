@@ -9,7 +9,8 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.motion import Workers
-from blurmatte.motion.clip.color import _decided, _largest_group, _log_odds, _spread
+from blurmatte.motion.clip.color import _ROUND_STARTS, _decided, _largest_group, _log_odds
+from blurmatte.motion.clip.workers import spread_out
 from blurmatte.sweep.fit_sweep import DiscColors
 
 
@@ -65,11 +66,11 @@ def test_invalid_count_is_rejected(count):
 @pytest.mark.parametrize("count", [1, 2, 5, 6, 7, 24, 121, 500])
 def test_each_frame_votes_at_most_once(count):
     """Invariant: 24 frames at most, spread over the clip in the first round."""
-    frames = list(_spread(range(count), 4))
+    frames = [k for some in spread_out(range(count), 6, _ROUND_STARTS) for k in some]
     assert len(set(frames)) == len(frames) <= 24
     assert len(frames) >= min(count, 6)
-    first = list(_spread(range(count), 1))
-    assert np.diff([-1, *sorted(first), count]).max() <= -(-count // 6) + 1
+    first = next(spread_out(range(count), 6, _ROUND_STARTS))
+    assert np.diff([-1, *first, count]).max() <= -(-count // 6) + 1
 
 
 def test_four_frames_decide_the_color():

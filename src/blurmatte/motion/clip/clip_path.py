@@ -79,11 +79,6 @@ class ClipPath(RobustCurve):
         return curve.fitted()
 
     @property
-    def breaks(self) -> tuple[int, ...]:
-        """Rows at which a part of the path begins, with a track or after a bounce."""
-        return tuple(int(k) for k in np.flatnonzero(np.diff(self.part)) + 1)
-
-    @property
     def freedom(self) -> int:
         """Degrees of freedom of the frames about the curve."""
         used = self.used & self.states.known

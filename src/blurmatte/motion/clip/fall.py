@@ -17,13 +17,8 @@ from blurmatte.motion.picture.error_budget import by_axis, check_std
 from blurmatte.motion.picture.motion import Scale
 
 # Tests of a parabola in time, and of its acceleration.
-MIN_POSITIONS = 4  # any three positions lie on a parabola
-MIN_POSITION_STD_PX = 1e-3  # no center is known better
 _MIN_CHI2_PROBABILITY = 1e-3
 _MIN_F_PROBABILITY = 1e-2
-MIN_F_POSITIONS = 7  # fewer leave too few degrees of freedom for the F test
-MAX_OUTLIER_FRACTION = 0.2  # of the positions: more are no mistakes of single frames
-MAX_SCATTER = 0.1  # of the spread of the positions, the largest error
 _MIN_ACCELERATION_STD = 5.0  # standard deviations: below, its inverse is not normal
 _MIN_TILT = float(np.radians(10))  # radians off gravity, of a camera held by hand
 _MIN_TILT_STD = 3.0  # standard deviations off gravity

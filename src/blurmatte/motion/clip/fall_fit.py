@@ -25,19 +25,21 @@ import scipy
 from blurmatte.checks import Array, Bools, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.clip.detections import FrameMotion, check_rows, main_track
-from blurmatte.motion.clip.fall import (
-    MAX_OUTLIER_FRACTION,
-    MAX_SCATTER,
-    MIN_F_POSITIONS,
-    MIN_POSITION_STD_PX,
-    MIN_POSITIONS,
-    FreeFall,
-)
+from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace, check_line_time_of_clip
-from blurmatte.motion.clip.smoothing import MIN_OUTLIER_PROBABILITY, noise_scale, student_weights
+from blurmatte.motion.clip.smoothing import (
+    MIN_OUTLIER_PROBABILITY,
+    MIN_STD_PX,
+    noise_scale,
+    student_weights,
+)
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.motion.space.ball_motion import BallMotion
 
+_MIN_POSITIONS = 4  # any three positions lie on a parabola
+_MIN_F_POSITIONS = 7  # fewer leave too few degrees of freedom for the F test
+_MAX_OUTLIER_FRACTION = 0.2  # of the positions: more are no mistakes of single frames
+_MAX_SCATTER = 0.1  # of the spread of the positions, the largest error
 _REWEIGHTINGS = 30  # of positions; their weights then change by less than a thousandth
 
 
@@ -106,7 +108,7 @@ def _fall_of_track(track: Sequence[FrameMotion], line_time: float) -> FreeFall:
     seen = [row.sighting for row in track if row.sighting is not None]
     places = np.array([s.motion.center for s in seen])
     times = _times([row.time for row in track]) + line_time * np.array([s.rows[0] for s in seen])
-    least = MIN_POSITION_STD_PX**2 * np.eye(2)
+    least = MIN_STD_PX**2 * np.eye(2)
     known = np.array([s.motion.center_covariance + least for s in seen])
     flight = _Flight([row.frame for row in track], times, places, known)
     return flight.fall(np.array([one.is_sound for one in seen]))
@@ -204,9 +206,9 @@ def _times(times: Sequence[float | None]) -> Array:
     t = np.array([np.nan if time is None else time for time in times])
     if not np.all(np.isfinite(t)):
         raise MotionError("the frames have no times; give the rate, frames per second")
-    if len(np.unique(t)) < MIN_POSITIONS:
+    if len(np.unique(t)) < _MIN_POSITIONS:
         raise MotionError(
-            f"a fall needs {MIN_POSITIONS} different times, got {len(np.unique(t))}; give "
+            f"a fall needs {_MIN_POSITIONS} different times, got {len(np.unique(t))}; give "
             "the rate, frames per second"
         )
     return t
@@ -223,12 +225,12 @@ class _Flight:
 
     def fall(self, sound: Bools) -> FreeFall:
         """The parabola of the sound positions, without a few outliers; of all, if few are sound."""
-        if sound.sum() < MIN_POSITIONS:
+        if sound.sum() < _MIN_POSITIONS:
             sound = np.ones(len(sound), bool)
         excess = self._excess(sound)
         used = sound & (excess <= 1)
-        most = MAX_OUTLIER_FRACTION * sound.sum()
-        if used.sum() < MIN_F_POSITIONS or (sound & ~used).sum() > most:
+        most = _MAX_OUTLIER_FRACTION * sound.sum()
+        if used.sum() < _MIN_F_POSITIONS or (sound & ~used).sum() > most:
             used = sound
         fall = _parabola(self.times[used], self.places[used], self.known[used])
         off = np.flatnonzero(~used & (excess > 1)).tolist()
@@ -269,9 +271,9 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
         freedom,
         float(scipy.special.chdtrc(freedom, chi2)),
     )
-    if count < MIN_F_POSITIONS or fall.fits:
+    if count < _MIN_F_POSITIONS or fall.fits:
         return fall
-    if chi2 > MAX_SCATTER**2 * _polynomial(times - middle, places, known, 0)[2]:
+    if chi2 > _MAX_SCATTER**2 * _polynomial(times - middle, places, known, 0)[2]:
         return fall
     less = _polynomial(times - middle, places, known, 4)[2]
     added, free = 2 * n, n * (count - 5)
@@ -299,5 +301,5 @@ def _powers(t: Array, degree: int) -> Array:
 
 
 def _check_count(count: int, what: str) -> None:
-    if count < MIN_POSITIONS:
-        raise MotionError(f"a fall needs {MIN_POSITIONS} {what}, got {count}")
+    if count < _MIN_POSITIONS:
+        raise MotionError(f"a fall needs {_MIN_POSITIONS} {what}, got {count}")

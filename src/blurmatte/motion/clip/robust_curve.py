@@ -24,8 +24,6 @@ import numpy.typing as npt
 from blurmatte.checks import Array, Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, parts_of_tracks
 from blurmatte.motion.clip.smoothing import (
-    ADDED_DECADES,
-    INTENSITY_DECADES,
     MIN_STD_PX,
     Estimate,
     Measurements,
@@ -39,7 +37,11 @@ from blurmatte.motion.clip.smoothing import (
 
 _ROUNDS = 3  # of errors and curve at most
 _REWEIGHTINGS = 3  # in a round
-_START_DECADES = (-8.0, 0.0)  # of the intensity, where the search for it begins
+# Powers of ten: of the intensity of the noise, pixels² per interval to the power 2p − 1, where its
+# search begins, and of the errors beyond the stated ones, pixels
+_INTENSITY_DECADES = (-8.0, 4.0)
+_START_DECADES = (-8.0, 0.0)
+_ADDED_DECADES = (-3.0, 2.0)
 _MIN_FRAMES = 3  # of a track that determine errors: each is predicted from two others
 
 
@@ -102,7 +104,7 @@ class RobustCurve:
 
         At first from a smooth and from an uneven curve: errors explain what noise of the curve does.
         """
-        ranges = INTENSITY_DECADES, *(ADDED_DECADES for _ in self.added)
+        ranges = _INTENSITY_DECADES, *(_ADDED_DECADES for _ in self.added)
         if self.intensity:
             starts = [np.log10([self.intensity, *self.added])]
         else:

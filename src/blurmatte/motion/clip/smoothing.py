@@ -36,30 +36,10 @@ from blurmatte.statistics import student_loss, student_weight
 
 _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determined
 _MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
-
-
-# How intensity and outliers are determined.
-#
-# Parameters
-# ----------
-# intensity_decades : (float, float)
-# Range of the intensity of the noise, powers of ten, pixels² per interval to the power 2p − 1.
-# student_freedom : float
-# Degrees of freedom of the likelihood that determines it, few: bounces and mistakes are outliers.
-# added_decades : (float, float)
-# Range of the errors beyond the stated ones, powers of ten, pixels.
-# min_outlier_probability : float
-# That noise differs by as much in any of the measurements: less is a mistake.
-# min_frames : int
-# In which a mistake can be found: with fewer it cannot be distinguished from its neighbors.
-# min_std_px : float
-# No position, displacement or radius is known better.
-INTENSITY_DECADES = (-8.0, 4.0)
-_STUDENT_FREEDOM = 4.0
-ADDED_DECADES = (-3.0, 2.0)
-MIN_OUTLIER_PROBABILITY = 1e-3
-MIN_FRAMES = 5
-MIN_STD_PX = 1e-3
+_STUDENT_FREEDOM = 4.0  # degrees of freedom of the likelihood, few: bounces are outliers
+MIN_OUTLIER_PROBABILITY = 1e-3  # that noise differs by as much in any measurement
+MIN_FRAMES = 5  # in which a mistake can be distinguished from its neighbors
+MIN_STD_PX = 1e-3  # no position, displacement or radius is known better
 
 
 @dataclass(frozen=True, eq=False)

@@ -49,11 +49,6 @@ class Track:
     seen: dict[int, Sighting] = field(default_factory=dict)
 
     @property
-    def last(self) -> Sighting:
-        """The latest detection."""
-        return self.seen[max(self.seen)]
-
-    @property
     def radius(self) -> float:
         """Median radius, pixels."""
         return float(np.median([s.motion.radius for s in self.seen.values()]))
@@ -148,7 +143,7 @@ def _occludes(track: Track, sighting: Sighting, lost: Sequence[Track]) -> bool:
     """True if a streak contains the object of a track and another one that it occludes in part."""
     for other in lost:
         reach = (
-            (sighting.motion.length + other.last.motion.length) / 2
+            (sighting.motion.length + other.seen[max(other.seen)].motion.length) / 2
             + sighting.motion.radius
             + other.radius
         )
