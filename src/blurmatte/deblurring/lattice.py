@@ -51,7 +51,8 @@ class Lattice:
         inside = sweep.silhouette.coverage(sweep.shape, nodes) > 0
         inside = scipy.ndimage.binary_dilation(inside, np.ones((3, 3), bool))
         y, x = np.nonzero(inside)
-        across = _normal_of(sweep)
+        velocity = np.diff(sweep.trajectory.xy, axis=0)
+        across = np.linalg.eigh(velocity.T @ velocity)[1][:, 0]  # of the least mean square velocity
         order = np.argsort(np.stack([x, y], axis=1) @ across, kind="stable")
         node = np.full((side, side), -1, np.int32)
         node[y[order], x[order]] = np.arange(len(x))
@@ -76,9 +77,3 @@ class Lattice:
         ]
         both = np.concatenate(pairs)
         return np.sort(both[(both >= 0).all(axis=1)], axis=1).astype(np.intp)
-
-
-def _normal_of(sweep: Sweep) -> Array:
-    """(2,) unit vector across the path: along its smallest mean square velocity."""
-    velocity = np.diff(sweep.trajectory.xy, axis=0)
-    return np.asarray(np.linalg.eigh(velocity.T @ velocity)[1][:, 0])

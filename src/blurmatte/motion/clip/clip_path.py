@@ -183,13 +183,12 @@ class ClipPath(RobustCurve):
     def _largest_jump(self, part: int) -> int | None:
         """The row within a part before which the rows on both sides differ most about the state."""
         mine = np.flatnonzero((self.part == part) & self.used)
-        least = MIN_FRAMES
-        if len(mine) < 2 * least:
+        if len(mine) < 2 * MIN_FRAMES:
             return None
         one = self.predicting.taken(mine)
         before, after = one.from_each_side(self.intensity)
         jumps = np.full(len(mine), -np.inf)
-        for k in range(least, len(mine) - least + 1):
+        for k in range(MIN_FRAMES, len(mine) - MIN_FRAMES + 1):
             if before.known[k] and after.known[k]:
                 jump = before.mean[k] - after.mean[k]
                 V = before.covariance[k] + after.covariance[k]

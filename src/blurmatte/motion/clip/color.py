@@ -130,8 +130,7 @@ def color_in_scene(
 
 def _largest_group(votes: Sequence[Vote]) -> list[Vote]:
     """The votes for similar colors with the largest sum of weights."""
-    limit = _MAX_COLOR_ANGLE
-    groups = [[b for b in votes if _angle(a[0], b[0]) < limit] for a in votes]
+    groups = [[b for b in votes if _angle(a[0], b[0]) < _MAX_COLOR_ANGLE] for a in votes]
     return max(groups, key=lambda group: sum(weight for _, weight, _ in group))
 
 

@@ -146,11 +146,10 @@ class FreeFall:
                 f"positions: it was held, hit or slowed by air, {nearer}or errors are larger than "
                 "stated"
             )
-        least = _MIN_ACCELERATION_STD
-        if not self.size > least * self.size_std:
+        if not self.size > _MIN_ACCELERATION_STD * self.size_std:
             return (
                 f"its acceleration, {self.size:.3g} ± {self.size_std:.2g} {self.unit}/s², is not "
-                f"{least:g} times its error; use a longer flight or more frames"
+                f"{_MIN_ACCELERATION_STD:g} times its error; use a longer flight or more frames"
             )
         off, std = self.off_gravity
         if self._down_is_known and off > max(_MIN_TILT, _MIN_TILT_STD * std):

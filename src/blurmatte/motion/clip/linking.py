@@ -201,9 +201,8 @@ def _with_size_doubt(sighting: Sighting, median: float) -> Sighting:
 def _chosen(tracks: Sequence[Track]) -> list[Track]:
     """The strongest track, and of weaker ones the frames without stronger ones; in order of time."""
     chosen: list[Track] = []
-    least = _MIN_EVIDENCE_FRACTION
     for track in sorted(tracks, key=lambda track: -track.evidence):
-        if chosen and _mean_evidence(track) < least * _mean_evidence(chosen[0]):
+        if chosen and _mean_evidence(track) < _MIN_EVIDENCE_FRACTION * _mean_evidence(chosen[0]):
             continue
         taken = set().union(*(other.seen for other in chosen))
         free = {index: s for index, s in track.seen.items() if index not in taken}

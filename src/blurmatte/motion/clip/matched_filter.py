@@ -69,14 +69,13 @@ class MatchedFilter:
             part = plate.crop(box)
             weight[rows] = projection_weights(image_in(box), part, projection_vectors(part, model))
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
-        scale = _SMOOTHING_PX
-        std = scipy.ndimage.gaussian_filter(weight, scale / np.sqrt(2))
-        std /= 4 * np.pi * scale**2
+        std = scipy.ndimage.gaussian_filter(weight, _SMOOTHING_PX / np.sqrt(2))
+        std /= 4 * np.pi * _SMOOTHING_PX**2
         np.sqrt(std, out=std)
         std[std == 0] = np.inf  # far from known pixels
         white = cls(plate, model, weight, std)
         strengths = []
-        for _, box, inner in _strips(plate.size, int(_TRUNCATION_STD * scale + 0.5)):
+        for _, box, inner in _strips(plate.size, int(_TRUNCATION_STD * _SMOOTHING_PX + 0.5)):
             there = white.within(box)
             strength = there._strength(there._light(image_in(box)))
             strengths.append(np.abs(strength[inner][::4, ::4]))

@@ -201,8 +201,7 @@ def student_weights(chi2: Array, freedom: Array) -> Array:
 
 def student_inflation(freedom: int) -> float:
     """Factor of the covariance of estimates from measurements of so many numbers each."""
-    nu = _STUDENT_FREEDOM
-    return (nu + freedom + 2) / (nu + freedom)
+    return (_STUDENT_FREEDOM + freedom + 2) / (_STUDENT_FREEDOM + freedom)
 
 
 def least_decades(

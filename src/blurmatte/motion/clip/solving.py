@@ -158,7 +158,9 @@ class FrameSolver:
             If the object cannot be separated.
         """
         if wanted.row.sighting is None:
-            return self._solved_alone(frame, wanted.index)
+            moved = enclosing(self.scene.boxes(frame, wanted.index))
+            (crop,) = self.scene.crops(frame, [moved])
+            return crop, self._solution(crop, None, None, None, self.solver, any_color=True)
         crop, streak, start, prior = self._prepared(frame, wanted)
         solver = self.solver or (Swept() if wanted.has_shape else None)
         if prior is None:
@@ -173,11 +175,6 @@ class FrameSolver:
         alone = self._solution(crop, streak, None, silhouette, solver)
         reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
         return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
-
-    def _solved_alone(self, frame: CodedFrame, index: int) -> tuple[Crop, Solution]:
-        """The crop around all that moved, and the solution of its likeliest streak."""
-        (crop,) = self.scene.crops(frame, [enclosing(self.scene.boxes(frame, index))])
-        return crop, self._solution(crop, None, None, None, self.solver, any_color=True)
 
     def _prepared(
         self, frame: CodedFrame, wanted: Wanted

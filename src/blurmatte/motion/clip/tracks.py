@@ -130,13 +130,12 @@ def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], similar: bool) ->
     """Index of the detection that is assigned to each track, by index."""
     shape = len(tracks), len(found)
     costs = np.array([[track.cost(s) for s in found] for track in tracks]).reshape(shape)
-    gate = _GATE_CHI2
-    price = np.minimum(costs, 2 * gate)
+    price = np.minimum(costs, 2 * _GATE_CHI2)
     if similar:
         likely = np.array([[track.unlikelihood(s) for s in found] for track in tracks])
-        price = np.where(costs < gate, likely.reshape(shape), 1e6)  # more than any −2 ln L
+        price = np.where(costs < _GATE_CHI2, likely.reshape(shape), 1e6)  # more than any −2 ln L
     assigned = zip(*scipy.optimize.linear_sum_assignment(price), strict=True)
-    return {int(a): int(b) for a, b in assigned if costs[a, b] < gate}
+    return {int(a): int(b) for a, b in assigned if costs[a, b] < _GATE_CHI2}
 
 
 def _occludes(track: Track, sighting: Sighting, lost: Sequence[Track]) -> bool:

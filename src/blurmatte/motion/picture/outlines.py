@@ -106,9 +106,8 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
     alpha = np.where(use, np.asarray(solution.alpha, float), 0)
     variance = np.where(use, np.asarray(solution.alpha_std, float) ** 2, 0)
     shift = motion.length * np.array([np.cos(motion.angle), np.sin(motion.angle)])
-    scales = _SCALES_PX
-    max_scale = max(_MAX_SCALE * motion.radius, scales[0])
-    for scale in [s for s in scales if s <= max_scale]:
+    max_scale = max(_MAX_SCALE * motion.radius, _SCALES_PX[0])
+    for scale in [s for s in _SCALES_PX if s <= max_scale]:
         std = motion.length * _slope_std(variance, variance_inflation(solution), scale)
         if np.median(std[use]) <= _MAX_STD:
             break

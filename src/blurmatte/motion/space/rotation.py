@@ -198,22 +198,21 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     alpha = np.where(use, solution.alpha, 0).astype(float)
     std = np.where(use, solution.alpha_std, 1).astype(float)
     trials, error = [], None
-    few, unambiguous = _PIXELS_PER_TRIAL, _UNAMBIGUOUS_TURN
     for c, omega, spacings in starts(alpha, std, use & solution.streak, center):
         try:
-            trials.append(_fitted(alpha, std, use, c, omega, center, few, spacings))
+            trials.append(_fitted(alpha, std, use, c, omega, center, _PIXELS_PER_TRIAL, spacings))
         except MotionError as raised:
             error = error or raised
             continue
         found = trials[-1].rotation
         turned = found.angle * found.blades
-        if trials[-1].misfit < MAX_RESIDUAL_EXCESS and turned < unambiguous * 2 * np.pi:
+        if trials[-1].misfit < MAX_RESIDUAL_EXCESS and turned < _UNAMBIGUOUS_TURN * 2 * np.pi:
             break
     if not trials:
         raise error or MotionError("alpha is nowhere known; solve with another color")
     trials.sort(key=lambda trial: trial.misfit)
     # Trials use different pixels, so that their misfits differ by chance.
-    most = trials[0].misfit * (1 + _CHANCE_STD * np.sqrt(2 / few))
+    most = trials[0].misfit * (1 + _CHANCE_STD * np.sqrt(2 / _PIXELS_PER_TRIAL))
     rough = _distinct([trial.rotation for trial in trials if trial.misfit <= most])
     fits = list[_Trial]()
     for one in rough:
@@ -223,7 +222,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     for other in fits[1:]:
         best = other if other.gain_over(best) > 0 else best
     misfit, rotation = best.misfit, best.rotation
-    overlaps = rotation.angle * rotation.blades > unambiguous * 2 * np.pi
+    overlaps = rotation.angle * rotation.blades > _UNAMBIGUOUS_TURN * 2 * np.pi
     limit = _MAX_OVERLAP_MISFIT if overlaps else _MAX_MISFIT
     if misfit > limit:
         if error is not None and str(error) == NO_VARIATION:

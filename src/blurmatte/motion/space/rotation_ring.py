@@ -49,8 +49,7 @@ def ring_around(alpha: Array, use: Bools, c: Array) -> tuple[tuple[float, float]
     y, x = np.mgrid[: alpha.shape[0], : alpha.shape[1]]
     rho = np.hypot(x - c[0], y - c[1])
     widths = np.bincount(np.rint(rho).astype(int).ravel(), weights=alpha.ravel())
-    least = _MIN_WIDTH
-    present = widths > least * np.median(widths[widths > least * widths.max()])
+    present = widths > _MIN_WIDTH * np.median(widths[widths > _MIN_WIDTH * widths.max()])
     present[: int(_MIN_RADIUS_PX)] = False
     first, last = _longest(present)
     low, high = first + _END_MARGIN_PX, last - _END_MARGIN_PX
