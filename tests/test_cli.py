@@ -1080,6 +1080,8 @@ def test_solver_shaded_solves_shadow(scene, tmp_path):
         (("--solver", "fast"), "--solver must be auto, swept, smooth, pixelwise or shaded"),
         (("--seconds", "0"), "--seconds must be a number above 0, got 0"),
         (("--seconds", "2", "--solver", "smooth"), "--seconds limits the search for shapes"),
+        (("--opacity", "glass"), "--opacity must be solid or any, got 'glass'"),
+        (("--opacity", "any", "--solver", "smooth"), "--opacity is for shapes of --solver auto"),
         (("--match", "much"), "--match must be auto, none, exposure, shift or full, got 'much'"),
     ],
 )

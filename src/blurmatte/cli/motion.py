@@ -29,10 +29,12 @@ from blurmatte.cli.quantities import (
 from blurmatte.cli.selection import (
     GUESSED,
     CameraReading,
+    KnownOpacity,
     Layer,
     Reading,
     Region,
     guess_behind,
+    opacity_of,
 )
 
 PLANE = "A plane"
@@ -94,10 +96,13 @@ class Unsolved:
         Path | None, option("FILE|none", "LAYER is a picture: solve it; none: guess.")
     ] = None
     region: Region = None
+    opacity: KnownOpacity = None
 
     def __post_init__(self) -> None:
-        if self.region is not None and self.plate is None:
-            raise ValueError("--region needs --plate: a layer.exr is solved already")
+        opacity_of(self.opacity)
+        for name, given in (("--region", self.region), ("--opacity", self.opacity)):
+            if given is not None and self.plate is None:
+                raise ValueError(f"{name} needs --plate: a layer.exr is solved already")
 
 
 @command(
@@ -244,7 +249,8 @@ def _read(
     """The solution and its motion; a folder of results holds one, a picture with its plate has one."""
     if picture is not None and picture.plate is not None:
         camera = CameraReading(reading.transfer, reading.max_pixels)
-        solution = solved_picture_at(layer, picture.plate, picture.region, camera)
+        known = opacity_of(picture.opacity)
+        solution = solved_picture_at(layer, picture.plate, picture.region, camera, known)
         with about(layer):
             return solution, bm.measure_motion(solution)
     inside = layer / "layer.exr"

@@ -43,7 +43,11 @@ class PictureOptions:
 
 
 def solved_picture_at(
-    path: Path, plate: Path, region: str | None, reading: CameraReading
+    path: Path,
+    plate: Path,
+    region: str | None,
+    reading: CameraReading,
+    opacity: bm.sweep.OpacityPrior,
 ) -> bm.Solution:
     """The solution of one picture, for commands that write no layer; warns of its doubts."""
     if plate == GUESSED:
@@ -52,7 +56,8 @@ def solved_picture_at(
     plates = [] if plate == GUESSED else [reading.read(plate, notes)]
     matching = bm.background.Matching.NONE if plate == GUESSED else None
     selection = Selection(reading, ObjectColor(), region)
-    task = PictureOptions(reading, plates, notes, selection, None, None, matching)
+    solver = bm.matting.Averaged(opacity=opacity)
+    task = PictureOptions(reading, plates, notes, selection, None, solver, matching)
     with about(path) as said:
         return solved(task, path, said)[-1]
 

@@ -31,6 +31,10 @@ Occluder = Annotated[
     Path | None, option("FILE", "A mask, white where something is in front.", OBJECT)
 ]
 
+KnownOpacity = Annotated[
+    str | None, option("solid|any", "If it surely is solid; if it may be glass.", OBJECT)
+]
+
 
 @dataclass(frozen=True)
 class Reading:
@@ -332,6 +336,16 @@ def matching_of(name: str) -> bm.background.Matching | None:
     if name not in names:
         raise ValueError(f"--match must be {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
     return None if name == "auto" else bm.background.Matching(name)
+
+
+def opacity_of(name: str | None) -> bm.sweep.OpacityPrior:
+    """What is known of the opacity; None: that most objects are solid."""
+    priors = bm.sweep.OpacityPrior
+    if name is None:
+        return priors.USUAL
+    if name not in (priors.SOLID, priors.ANY):
+        raise ValueError(f"--opacity must be solid or any, got {name!r}")
+    return priors(name)
 
 
 def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Frames[bm.LinearImage]:

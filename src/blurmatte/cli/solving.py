@@ -41,6 +41,7 @@ from blurmatte.cli.picture_solving import (
 from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
+    KnownOpacity,
     ObjectColor,
     Occluder,
     OutFolder,
@@ -50,6 +51,7 @@ from blurmatte.cli.selection import (
     check_photographed,
     kind_of_color,
     matching_of,
+    opacity_of,
 )
 
 if TYPE_CHECKING:
@@ -66,6 +68,7 @@ class SolvingOptions:
         str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
     ] = "auto"
     seconds: Annotated[float | None, option("S", "CPU s after which no new shape is tried.")] = None
+    opacity: KnownOpacity = None
 
     @property
     def of_each_picture(self) -> bool:
@@ -106,14 +109,14 @@ def solve(
             )
         check_guess(plate.match, how.region, how.solver, reading.transfer)
     if of_clip:
-        method = _limited(_clip_solver(solver, colors), how)
+        method = _fitting_shapes(_clip_solver(solver, colors), how)
         solve_clip(images, plate, out, selection, clip, how.occluder, method, required, as_json)
         return
     from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
 
     if not plate.files:
         raise _plate_missing(images)
-    method = _limited(_solver(solver, colors), how)
+    method = _fitting_shapes(_solver(solver, colors), how)
     check_folder(out)
     pairs = with_folders(expanded(images), out)
     named = *plate.files, how.region, how.occluder, *colors.files, reading.noise, reading.transfer
@@ -129,7 +132,7 @@ def solve(
     settings = {
         "selection": repr(selection),
         "match": plate.match,
-        "solver": f"{solver} {how.seconds}",
+        "solver": f"{solver} {how.seconds} {how.opacity}",
     }
     matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
     row = replace(row, settings=settings)
@@ -267,18 +270,20 @@ def _solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {text!r}")
 
 
-def _limited(method: bm.matting.Solver | None, how: SolvingOptions) -> bm.matting.Solver | None:
-    """The solver with its limit of time."""
-    if how.seconds is None:
+def _fitting_shapes(
+    method: bm.matting.Solver | None, how: SolvingOptions
+) -> bm.matting.Solver | None:
+    """The solver with its limit of time, and what is known of the opacity."""
+    if how.seconds is None and how.opacity is None:
         return method
     if how.solver not in ("auto", "swept"):
-        raise ValueError(
-            f"--seconds limits the search for shapes of --solver auto and swept, got {how.solver!r}"
-        )
-    if not how.seconds > 0:
-        raise ValueError(f"--seconds must be a number above 0, got {how.seconds:g}")
-    name = bm.matting.Averaged if how.solver == "auto" else bm.Swept
-    return name(seconds=how.seconds)
+        name = "--opacity is" if how.seconds is None else "--seconds limits the search"
+        raise ValueError(f"{name} for shapes of --solver auto and swept, got {how.solver!r}")
+    seconds = math.inf if how.seconds is None else how.seconds
+    if not seconds > 0:
+        raise ValueError(f"--seconds must be a number above 0, got {seconds:g}")
+    kind = bm.matting.Averaged if how.solver == "auto" else bm.Swept
+    return kind(seconds=seconds, opacity=opacity_of(how.opacity))
 
 
 def _clip_solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:

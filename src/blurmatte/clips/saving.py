@@ -136,6 +136,7 @@ class ClipRun:
             "complete": self.complete,
             "occluder": hidden,
             "solver": repr(self.solver),
+            "opacity": None if self.solver is None else self.solver.opacity,
         }
         return key_of(self.inputs, settings)
 

@@ -28,6 +28,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.sweep import Sweep
 
 MARGIN_PX = 16  # around a streak, of pixels where nothing moved
@@ -211,6 +212,7 @@ class Solver(ABC):
     takes_gray: ClassVar[bool] = False  #: whether it needs no hues
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES  #: the shapes on paths that are fitted
     seconds: float = math.inf  #: CPU time after which no further shape is fitted
+    opacity: OpacityPrior = OpacityPrior.USUAL  #: of the shapes
 
     def colors(self, model: ColorModel | None) -> ColorModel | None:
         """The colors to solve with, if some were given or the solver knows its own."""

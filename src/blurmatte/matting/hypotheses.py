@@ -39,6 +39,7 @@ from blurmatte.sweep.assess.model_selection import (
 )
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
@@ -180,6 +181,8 @@ class Swept(Solver):
     seconds : float
         CPU time after which no further shape is fitted; `SolutionStats.untried` names those that were
         not. What is fitted then depends on the machine.
+    opacity : OpacityPrior
+        What is known of the part of the light behind the object that it hides.
 
     Examples
     --------
@@ -190,6 +193,7 @@ class Swept(Solver):
 
     hypotheses: tuple[Hypothesis, ...] = field(default=HYPOTHESES, repr=False)
     seconds: float = field(default=math.inf, repr=False)
+    opacity: OpacityPrior = field(default=OpacityPrior.USUAL, repr=False)
 
     needs_sweep = True
     takes_gray = True

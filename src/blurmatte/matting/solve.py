@@ -254,7 +254,7 @@ def _case_of(
     size = FittingSize.of(chosen) if start is None and prior is None else None
     if size is not None:
         return _enlarged_case(size, pictures, chosen, model, solver), others
-    searched = solver.hypotheses, solver.seconds
+    searched = solver.hypotheses, solver.seconds, solver.opacity
     hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior, *searched)
     return Case(pictures, chosen, _with_streak(model, hypotheses), hypotheses), others
 
@@ -270,7 +270,7 @@ def _enlarged_case(
     of_streak = size.streak(streak)
     image, plate = size.pictures(pictures.image, pictures.plate, streak, pictures.measured)
     small = Pictures(image, plate, pictures.match, size.touched(pictures.hidden))
-    searched = solver.hypotheses, solver.seconds
+    searched = solver.hypotheses, solver.seconds, solver.opacity
     fitted = fit_hypotheses(image, plate, of_streak, model, None, None, *searched)
     known = _with_streak(model, fitted)
     hypotheses = size.hypotheses(fitted, (plate, pictures.plate), (of_streak, streak))

@@ -58,6 +58,7 @@ from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
@@ -210,6 +211,7 @@ def fit_hypotheses(
     prior: MotionPrior | None = None,
     hypotheses: Sequence[Hypothesis] = HYPOTHESES,
     seconds: float = math.inf,
+    opacity: OpacityPrior = OpacityPrior.USUAL,
 ) -> Hypotheses:
     """Hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
 
@@ -220,7 +222,8 @@ def fit_hypotheses(
 
     def search(streak: Streak, image: LinearImage, plate: LinearImage) -> Multistart:
         """Fits before a plate."""
-        return Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
+        search = Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
+        return search.with_observations(lambda one: replace(one, opacity=opacity))
 
     def before(plate: LinearImage, streak: Streak) -> Hypotheses:
         """All hypotheses before a plate."""
@@ -329,6 +332,8 @@ def _fit_before(
     """
     search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     fits = Fits(search, image, plate, streak, tuple(one_paint), tuple(varied))
+    if _is_known_solid(search.observation):
+        return _Candidates.of(fits, hypotheses, limit).refined()
     state = best_of([kind[0] for kind in (one_paint, varied) if kind])
     seen_through = _explaining(state, search.bounds)
     if seen_through is not None:
@@ -474,6 +479,12 @@ class _Candidates:
         return Hypotheses(search.observation, sweeps, evidences, plate, streak, self.untried)
 
 
+def _is_known_solid(observation: Observation) -> bool:
+    """Whether no opacity but 1 is possible: if that is known, or other frames know the object."""
+    opacity, prior = observation.opacity, observation.prior
+    return opacity is OpacityPrior.SOLID or (opacity is OpacityPrior.USUAL and prior is not None)
+
+
 def _seen_through(state: State, bounds: tuple[float, float]) -> State:
     """A fit with its opacity, both as each other need: other shapes need not explain the plate in it.
 
@@ -487,7 +498,7 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
         return state
     for _ in range(_MAX_ROUNDS):
         opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
-        if abs(opacity - fitted.silhouette.opacity) < _MIN_OPACITY_STEP * found.thin_std:
+        if abs(opacity - fitted.silhouette.opacity) <= _MIN_OPACITY_STEP * found.thin_std:
             break
         assert isinstance(fitted.silhouette, FlatShape)
         thin = fitted.of_kind(fitted.silhouette.with_opacity(opacity))
@@ -497,9 +508,9 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
 
 
 def _opacity_of(state: State) -> Opacity:
-    """The opacity of a fit and its error; 1 ± 0 if other frames know the object, or of light alone."""
+    """The opacity of a fit and its error; 1 ± 0 if it is known to be solid, or of light alone."""
     observation = state.observation
-    if observation.prior is not None or observation.light_alone:
+    if _is_known_solid(observation) or observation.light_alone:
         return Opacity(1.0, 0.0)
     found = fit_opacity(state)
     is_open = found.value + found.std < OPAQUE or found.std > 1 - OPAQUE

@@ -13,6 +13,7 @@ from blurmatte.sweep.assess.opacity import RARE_ODDS, fit_opacity, is_at_rest
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import DISC
@@ -126,6 +127,14 @@ def test_an_object_that_moved_before_a_plain_wall_is_solid_with_an_open_error(op
     assert found.value == 1
     assert found.thin_std > 0.1  # if it lets light through, nothing shows how much
     assert 0.01 < found.std < RARE_ODDS**0.5  # few do
+
+
+@pytest.mark.parametrize("opacity", [0.4, 0.7, 1.0])
+def test_an_opacity_that_may_be_any_is_open_before_a_plain_wall(opacity):
+    known = state(opacity, 0.0, 0.006, path=along(3))
+    found = fit_opacity(known.on(replace(known.observation, opacity=OpacityPrior.ANY)))
+    assert found.value < 1
+    assert abs(found.value - opacity) < 2 * found.std
 
 
 def test_a_given_color_gives_the_part_of_an_object_that_moved():

@@ -21,8 +21,9 @@ which the object has no light (equation (2) of the design).
 A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and its light k is at most f
 times that of the brightest paint. A source of light has any k, and most sources hide nothing (f = 0).
 Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
-an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. The
-error is the root mean square distance of the posterior from that value.
+an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. Of one
+at rest, or if any opacity is known to be possible (`OpacityPrior`), both kinds of surface have even
+odds, and f is the mean of the posterior. The error is its root mean square distance from that value.
 """
 
 from collections.abc import Callable
@@ -37,6 +38,7 @@ from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.occlusion import occluded
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.state import State
 
 # Blocks, and the priors of noise and sampling.
@@ -143,7 +145,8 @@ def fit_opacity(state: State) -> Opacity:
     if observation.color.rank < 3 and inside.any():
         scores.append(_across(observation, chi, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
-    return _posterior(known, _lights(observation, chi, inside), is_at_rest(state))
+    is_open = observation.opacity is OpacityPrior.ANY or is_at_rest(state)
+    return _posterior(known, _lights(observation, chi, inside), is_open)
 
 
 def _occluded(observation: Observation, chi: Array, inside: Bools) -> Bools:
@@ -323,8 +326,8 @@ def _mean_lights(pictures: tuple[Array, Array], chi: Array, inside: Bools) -> tu
     return np.asarray((part * (C - (1 - part) * B)).sum(axis=0) / total), np.asarray(behind)
 
 
-def _posterior(scores: list[_Scores], lights: _Lights, at_rest: bool) -> Opacity:
-    """Opacity and its error under the prior of the module."""
+def _posterior(scores: list[_Scores], lights: _Lights, is_open: bool) -> Opacity:
+    """Opacity and its error, if other values than 1 are rare or, as open, have even odds."""
     values = [np.linspace(0, 1, 401)]
     for one in scores:
         peak, std = one.peak
@@ -337,10 +340,10 @@ def _posterior(scores: list[_Scores], lights: _Lights, at_rest: bool) -> Opacity
     likelihood = np.exp(log - log[source].max())
     solid, dark = likelihood[-1] * surface[-1], likelihood[0] * RARE_ODDS * source[0]
     thin = likelihood * np.gradient(f) * np.where(surface, 1, RARE_ODDS * source)
-    at, odds = np.array([0.0, *f, 1.0]), 1.0 if at_rest else RARE_ODDS
+    at, odds = np.array([0.0, *f, 1.0]), 1.0 if is_open else RARE_ODDS
     mass = np.array([dark, *(odds * thin), solid])
     value = float(mass @ at / mass.sum())
-    if not at_rest and mass[-1] > mass.sum() / 2:
+    if not is_open and mass[-1] > mass.sum() / 2:
         value = 1.0
     elif mass[0] > mass.sum() / 2:
         value = 0.0

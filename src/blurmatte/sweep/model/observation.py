@@ -14,6 +14,7 @@ from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
 from blurmatte.sweep.model.color_field import ColorPrior, residuals_of_none
 from blurmatte.sweep.model.motion_prior import MotionPrior
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
 from blurmatte.sweep.model.student_t import loss
 
@@ -49,6 +50,7 @@ class Observation(PixelBox):
     # Of the image's file, of which these are the pixels; see `Meta.sharing`
     compression: Compression | None = None
     prior: MotionPrior | None = None  # of the object, from other frames
+    opacity: OpacityPrior = OpacityPrior.USUAL  # of the object
     camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
     # The image is the light that an object added, before a black plate: the scale of alpha is arbitrary
     light_alone: bool = False

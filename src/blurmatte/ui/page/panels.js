@@ -80,6 +80,7 @@ function MoreOptions() {
     h(Field, { name: "Paints", value: store.rank, hint: "1, 2 or 3: any", onChange: (/** @type {string} */ rank) => change({ rank }) }),
     h(Field, { name: "Brightest light", value: store.maxBrightness, hint: "white is 1", onChange: (/** @type {string} */ maxBrightness) => change({ maxBrightness }) }),
     h(Field, { name: "Seconds at most", value: store.seconds, hint: "for new shapes", onChange: (/** @type {string} */ seconds) => change({ seconds }) }),
+    h(Field, { name: "Opacity", value: store.opacity, hint: "solid, or any", onChange: (/** @type {string} */ opacity) => change({ opacity }) }),
     isClip() && [
       h(Field, { name: "Layers of a clip", value: store.layers, hint: "exr, png, tif, mov", onChange: (/** @type {string} */ layers) => change({ layers }) }),
       h(Several, null),

@@ -21,6 +21,7 @@ const CHOSEN = {
   rank: "",
   maxBrightness: "",
   seconds: "",
+  opacity: "",
   frames: "",
   layers: "",
   several: false,

@@ -25,7 +25,7 @@ export const find = (picture, plate) => ["find", picture, "--plate", plate, "--j
 
 /** @param {{picture: Source, plate: Plate | null, region: number[] | Source | null, colors: string[],
  *   colorFrom: Source | null, occluder: Source | null, rank: string, maxBrightness: string,
- *   seconds: string, frames: string, layers: string, several: boolean, clip: boolean}} chosen
+ *   seconds: string, opacity: string, frames: string, layers: string, several: boolean, clip: boolean}} chosen
  * @returns {Words} */
 export function solve(chosen) {
   const region = Array.isArray(chosen.region) ? boxWord(chosen.region) : chosen.region;
@@ -39,6 +39,7 @@ export function solve(chosen) {
     ...option("--rank", chosen.rank),
     ...option("--max-brightness", chosen.maxBrightness),
     ...option("--seconds", chosen.seconds),
+    ...option("--opacity", chosen.opacity),
     ...(chosen.clip ? option("--frames", chosen.frames) : []),
     ...(chosen.clip ? option("--layers", chosen.layers) : []),
     ...(chosen.clip && chosen.several ? ["--several"] : []),
