@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
 
-from blurmatte.background import burst_plate
+from blurmatte.background import Matching, PlateGuess, burst_plate
 from blurmatte.radiometry import LinearImage
 
 SIZE = (192, 120)
@@ -51,6 +51,36 @@ def test_place_that_the_object_hides_in_all_shots_is_not_known(points):
     plate, _ = burst_plate(image, plates)
     assert not plate.valid[44:76, 84:116].any()
     assert plate.valid[:36].mean() > 0.97
+
+
+def overlapping(step, light):
+    """Three shots of a wall by a camera at rest; a streak that moves on by `step` pixels."""
+    h, w = light.shape[:2]
+    y, x = np.mgrid[:h, :w]
+    shots = []
+    for k in range(3):
+        along = np.clip(x, 60 + step * k, 100 + step * k)
+        alpha = np.clip(1 - np.hypot(x - along, y - 50) / 12, 0, 0.5)[..., None]
+        shots.append(noisy(alpha * (0.8, 0.16, 0.05) + (1 - alpha) * light, k))
+    return shots
+
+
+@pytest.mark.parametrize("step", [8, 16, 24])
+def test_overlap_of_streaks_before_a_wall_is_guessed(step):
+    # honest
+    x = np.mgrid[:120, :192][1][..., None] / 192
+    wall = (0.5 + 0.2 * x - 0.1 * x**2) * np.array([1, 0.9, 0.75])
+    shots = overlapping(step, wall)
+    plate, _ = burst_plate(shots[1], [shots[0], shots[2]], Matching.NONE)
+    assert isinstance(plate, PlateGuess)
+    assert plate.valid.all()
+    assert np.abs(plate.rgb - wall)[30:70, 40:150].max() < 0.03  # the object differs by up to 0.35
+
+
+def test_streaks_apart_are_not_guessed():
+    shots = overlapping(66, np.full((120, 260, 3), 0.5))
+    plate, _ = burst_plate(shots[1], [shots[0], shots[2]], Matching.NONE)
+    assert not isinstance(plate, PlateGuess)
 
 
 def test_single_plate_is_refused(shots):

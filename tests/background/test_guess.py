@@ -74,6 +74,15 @@ def test_errors_of_pixels_are_a_quarter_too_small_and_that_of_their_sum_is_hones
     assert 0.8 < np.sqrt(np.mean(sums)) < 1.25
 
 
+def test_holes_of_a_plate_are_guessed():
+    scene, picture = wall(2)
+    plate = LinearImage(picture.rgb, valid=~REGION)
+    guess = guess_plate(plate, REGION)
+    assert_array_equal(guess.hidden, REGION)
+    assert guess.valid.all()
+    assert np.abs(guess.rgb - scene)[REGION].max() < NOISE
+
+
 def test_region_without_surroundings_is_refused():
     _, picture = wall(0)
     with pytest.raises(PlateError, match="too little of the scene"):

@@ -1,15 +1,32 @@
 """burst_plate: the plate of one shot from other shots of the same scene, as from the hand."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from blurmatte.background.fit_match import Matching, fit_match
+from blurmatte.background.guess import (
+    MARGIN_FACTOR,
+    RIM_PX,
+    PlateGuess,
+    guess_plate,
+    noise_around,
+)
 from blurmatte.background.match import Match
 from blurmatte.background.plate import plate_of_shots
 from blurmatte.background.robust_mean_kernel import UNSEEN
 from blurmatte.background.warp import warped_mask
+from blurmatte.checks import Bools
+from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import QUANTILE_999_3
+
+# Fraction of the pixels on which shots differ where no two agree: noise alone yields one in 900
+_MIN_HOLES = 0.01
+# Error of a guess over the noise of a shot: of a rougher one, pixels are better not known
+_MAX_GUESS_ERROR = 2.0
 
 
 def burst_plate(
@@ -19,6 +36,8 @@ def burst_plate(
 
     Each shot is matched to the image alone. The plate of a pixel is the light that most of all
     shots agree on, the image included; it is the mean of those shots that show it, without the image.
+    Where streaks overlap, most shots may agree on the object: there the plate is compared with a guess
+    from the surroundings (`guess_plate`), which replaces what contradicts it.
 
     Parameters
     ----------
@@ -32,7 +51,8 @@ def burst_plate(
     -------
     plate : LinearImage
         In pixels and light of the image, its noise known. Not `valid` where no two shots agree, as
-        where the object is in front of one place in all of them.
+        where the object is in front of one place in all of them, unless the surroundings show what is
+        there: then it is a `PlateGuess`.
     matches : list of Match
         Of each.
 
@@ -47,7 +67,73 @@ def burst_plate(
         raise ValueError(f"plates must be two or more, got {len(plates)}; use match_plate for one")
     matches = [fit_match(image, plate, matching) for plate in plates]
     pairs = zip(matches, plates, strict=True)
-    return plate_of_shots(image, [_shown(match, plate) for match, plate in pairs]), matches
+    shots = [_shown(match, plate) for match, plate in pairs]
+    plate, differ = plate_of_shots(image, shots)
+    return _checked(image, plate, differ), matches
+
+
+def _checked(image: LinearImage, plate: LinearImage, differ: Bools) -> LinearImage:
+    """The plate with a guess where streaks overlap: of what contradicts it, and of what is not known.
+
+    differ: (H, W) bool, where a shot differs from the plate.
+    """
+    region = _overlapping(differ, differ & ~plate.valid)
+    if not region.any():
+        return plate
+    try:
+        guess = guess_plate(plate, region)
+        noise = noise_around(image, region)
+        if guess.error**2 > _MAX_GUESS_ERROR**2 * noise.variance(guess.rgb[guess.hidden]).mean():
+            return plate
+        guess = guess_plate(plate, region & _contradicting(plate, guess))
+    except PlateError:  # too little is seen around it
+        return plate
+    return replace(guess, image_noise=noise)
+
+
+def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:
+    """(H, W) where a plate is not known or is unlikely before a guess, and the faint rims around.
+
+    Alpha of a streak falls to zero over its width; a part of it is within the error of the guess.
+    """
+    variance = guess.variance + plate.variance
+    z2 = ((plate.rgb - guess.rgb) ** 2 / variance).sum(axis=-1)
+    off = _mostly((z2 > QUANTILE_999_3) & guess.hidden & plate.valid)
+    if not off.any():
+        return ~plate.valid
+    part = np.sqrt(QUANTILE_999_3 / np.quantile(z2[off], 0.95))
+    half_width = float(scipy.ndimage.distance_transform_edt(off).max())
+    margin = RIM_PX + MARGIN_FACTOR * part * 2 * half_width
+    return np.asarray(scipy.ndimage.distance_transform_edt(~(off | ~plate.valid)) <= margin)
+
+
+def _mostly(mask: Bools) -> Bools:
+    """(H, W) where most of the pixels around are True: noise alone yields single ones."""
+    return np.asarray(scipy.ndimage.uniform_filter(mask.astype(float), 3) > 0.5)
+
+
+def _overlapping(differ: Bools, holes: Bools) -> Bools:
+    """(H, W) the hull of streaks that overlap, as holes show where no two shots agree.
+
+    Between the ends of the streaks all shots may agree on the object.
+    """
+    moved, around = _mostly(differ), 2 * RIM_PX + 1
+    parts, count = scipy.ndimage.label(scipy.ndimage.maximum_filter(moved, around))
+    index = np.arange(count + 1)
+    area, unknown = (scipy.ndimage.sum_labels(mask, parts, index) for mask in (moved, holes))
+    overlap = moved & (unknown > _MIN_HOLES * area)[parts]
+    if not overlap.any():
+        return overlap
+    return np.asarray(scipy.ndimage.maximum_filter(_hull(overlap), around))
+
+
+def _hull(mask: Bools) -> Bools:
+    """(H, W) the convex hull of the True pixels."""
+    corners = np.concatenate([np.argwhere(mask) + at for at in ((0, 0), (0, 1), (1, 0), (1, 1))])
+    hull = scipy.spatial.ConvexHull(corners)
+    y, x = np.indices(mask.shape) + 0.5
+    sides = [a * y + b * x + c <= 0 for a, b, c in hull.equations]
+    return np.asarray(np.logical_and.reduce(sides))
 
 
 def _shown(match: Match, plate: LinearImage) -> LinearImage:

@@ -43,8 +43,8 @@ _REFINEMENTS = 2  # of what is hidden: a part of the region agrees with the gues
 _MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
 _DECISIVE_ODDS = 20.0  # that a cell shows the scene
 _MARGIN_PX = 4  # around what disagrees with the guess
-_RIM_PX = 4  # around a streak: the guess is not made from its faintest rim
-_MARGIN_FACTOR = (
+RIM_PX = 4  # around a streak: the guess is not made from its faintest rim
+MARGIN_FACTOR = (
     1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
 )
 _MAX_GRAINS = 250_000  # of a window: cells of texture that is drawn
@@ -162,7 +162,7 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
         raise ValueError("the region is empty; mark where the object may have been")
     if not (image.valid & ~region).any():
         raise _too_little()
-    noise = _noise_of(image, region)
+    noise = noise_around(image, region)
     image = image if image.noise is not None else image.with_noise(noise)
     hidden = region
     for _ in range(_REFINEMENTS):
@@ -188,7 +188,7 @@ def guess_behind(image: LinearImage, streak: Bools, grow: int = 0) -> PlateGuess
     check_same_size("the layer", streak.shape[::-1], "the image", image.size)
     if not streak.any():
         raise PlateError("the layer is empty, so there is nothing to guess behind it")
-    width = 2 * (grow + _RIM_PX) + 1
+    width = 2 * (grow + RIM_PX) + 1
     return guess_plate(image, scipy.ndimage.maximum_filter(streak, width))
 
 
@@ -199,7 +199,7 @@ def _too_little() -> PlateError:
     )
 
 
-def _noise_of(image: LinearImage, region: Bools) -> NoiseModel:
+def noise_around(image: LinearImage, region: Bools) -> NoiseModel:
     """Noise of the image where the scene is seen, at least that of rounding."""
     if isinstance(image.noise, NoiseModel):
         return image.noise
@@ -290,13 +290,16 @@ class _AroundRegion:
         """What of the hidden is near cells that may not show the scene: the object may be there.
 
         A cell shows the scene if its light is decisively likelier as that of the guess than as any
-        light of the region. Where a guess is hardly better than that, agreement says nothing.
+        light of the region. Where a guess is hardly better than that, agreement says nothing. Pixels
+        that are not valid show nothing.
 
         Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below
         the threshold: that of the threshold over the largest disagreement.
         """
         place = rows_columns(self.window)
         light, inside = np.asarray(image.rgb[place], float), hidden[place] & image.valid[place]
+        if not inside.any():
+            return hidden
         count = block_sums(inside.astype(float), self.cell)
         rest = light @ self.axes - self.lines.mean
         d = block_sums(np.where(inside[..., None], rest, 0), self.cell)
@@ -314,10 +317,10 @@ class _AroundRegion:
         part = np.sqrt(QUANTILE_999_3 / np.quantile(z2[differs], 0.95))
         pixels = inside & (differs | may_differ).repeat(self.cell, axis=0).repeat(self.cell, axis=1)
         half_width = float(scipy.ndimage.distance_transform_edt(np.pad(pixels, 1)).max())
-        margin = _MARGIN_PX + _MARGIN_FACTOR * part * 2 * half_width
+        margin = _MARGIN_PX + MARGIN_FACTOR * part * 2 * half_width
         near = np.zeros(hidden.shape, bool)
         near[place] = scipy.ndimage.distance_transform_edt(~pixels) <= margin
-        return hidden & near
+        return hidden & (near | ~image.valid)
 
     def guess(self, image: LinearImage, hidden: Bools, noise: NoiseModel) -> PlateGuess:
         """The plate with what is hidden taken from the field."""

@@ -183,8 +183,8 @@ def plate_on_canvas(
     return replace(fit, camera=path)
 
 
-def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> LinearImage:
-    """The plate of an image from two or more other shots that were matched to it.
+def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> tuple[LinearImage, Bools]:
+    """The plate of an image from two or more other shots that were matched to it; where any differ.
 
     The image decides where shots differ, but its light is no part of the mean.
     """
@@ -193,12 +193,12 @@ def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> LinearIm
     sums = sum_frames(shots, modes, len(shots), [np.ones(3)] * len(shots))
     file = _CodeError(shots[0].meta, None, samples.noise)
     light, noise, _, _, _ = _estimates(sums, modes, file)
-    _, free, clipped, *_ = np.moveaxis(sums.counts, -1, 0)
+    _, free, clipped, _, _, showing = np.moveaxis(sums.counts, -1, 0)
     alone = free < _MIN_FREE_FRAMES  # nothing is compared there
     noise[alone] = modes.variance[alone]
     valid = (modes.near >= _MIN_FREE_FRAMES) & (free > 0) & (clipped == 0)
     meta = replace(shots[0].meta, source=f"plate of {len(shots)} shots", compression=None)
-    return LinearImage(light, noise, valid, meta)
+    return LinearImage(light, noise, valid, meta), modes.near <= showing
 
 
 def _made(frames: Iterable[LinearImage], against_scene: bool, registered: bool = False) -> PlateFit:
