@@ -180,6 +180,16 @@ def test_texture_shows_that_a_lamp_hides_nothing():
     assert found.std < 0.05
 
 
+def test_a_guessed_plate_without_its_texture_does_not_show_the_opacity():
+    known = state(1.0, 0.1, 0.006, path=along(3)).observation
+    smooth = np.broadcast_to(WALL, known.B.shape)
+    error = np.full_like(known.B_variance, np.mean((known.B - WALL) ** 2))
+    guessed = replace(known, B=smooth, B_variance=error)
+    found = fit_opacity(state(1.0, 0.1, 0.006, path=along(3)).on(guessed))
+    assert found.value == 1
+    assert found.std > 0.01
+
+
 def test_negative_light_excludes_what_would_let_much_light_through():
     dark = state(1.0, 0.0, 0.006, path=along(4), color=np.array([0.02, 0.02, 0.02]))
     found = fit_opacity(dark)

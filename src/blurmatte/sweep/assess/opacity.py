@@ -56,6 +56,7 @@ _COMPRESSED_STD = 0.2
 _INSIDE_STD = 0.05
 # Of the path of an object that counts as at rest, of its radius: a flash is short
 _MAX_LENGTH = 0.5
+_MIN_SCATTER = 0.5  # of a plate, of the variance of its noise
 _MIN_COVERED = 0.004  # of the exposure, of pixels that show the object
 # Prior odds of what is rare, a source of light or an object that lets light through, against what is
 # usual: decisive evidence makes them even
@@ -141,7 +142,8 @@ def fit_opacity(state: State) -> Opacity:
     radius = state.silhouette.radius(state.shape) / observation.scale
     smallest, largest = _MIN_BLOCK_PX, _MAX_BLOCK_PX
     size = int(np.clip(radius / _BLOCKS_PER_RADIUS, smallest, largest))
-    scores = [_of_texture(observation, chi, inside, around, size)]
+    of_texture = _of_texture(observation, chi, inside, around, size)
+    scores = [] if of_texture is None else [of_texture]
     if observation.color.rank < 3 and inside.any():
         scores.append(_across(observation, chi, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
@@ -163,8 +165,11 @@ def _occluded(observation: Observation, chi: Array, inside: Bools) -> Bools:
 
 def _of_texture(
     observation: Observation, chi: Array, inside: Bools, around: Bools, size: int
-) -> _Scores:
-    """Scores of the texture along the axes of the object's colors."""
+) -> _Scores | None:
+    """Scores of the texture along the axes of the object's colors; None if the plate has none.
+
+    A guessed plate is a mean: it varies less than its errors do, which are the texture that it lacks.
+    """
     axes = slice(0, observation.color.rank)
     behind = _moments(observation, np.ones_like(chi), around, size, axes, 1.0)
     (scale, mismatch), covariance = _measured_around(behind)
@@ -177,6 +182,8 @@ def _of_texture(
         shown = (own.xu - scale * own.noise_u) / (1 + mismatch)
         d = (own.xx - scale * own.noise) / (1 + mismatch)
         slope = float(np.clip((own.xC - shown).sum() / max(d.sum(), 1e-12), 0, 1))
+    if own.xx.sum() < _MIN_SCATTER * scale * own.noise.sum():
+        return None
     # Derivatives of the sum of scores by λ and 1/ρ: a constant, and a part in proportion to the slope
     by_u = np.array([own.noise_u.sum(), shown.sum()]) / (1 + mismatch)
     by_x = np.array([own.noise.sum(), d.sum()]) / (1 + mismatch)
