@@ -89,7 +89,7 @@ def test_a_search_without_data_or_with_too_few_steps_has_not_converged():
 
 
 def test_a_search_stops_where_it_is_asked_to():
-    def stops(point):
+    def stops(point, _):
         return point.x[1] > 1
 
     search = Point(START), Point.information, Point.moved, 50, 1e-12
@@ -97,3 +97,16 @@ def test_a_search_stops_where_it_is_asked_to():
     assert not converged
     assert end.x[1] > 1
     assert end.cost > 1.1 * descended(*search)[0].cost
+
+
+def test_a_search_knows_the_cost_that_it_reaches_at_the_rate_of_its_last_step():
+    reached = []
+
+    def stops(point, reachable):
+        reached.append((point.cost, reachable))
+        return False
+
+    descended(Point(START), Point.information, Point.moved, 3, 1e-12, stops)
+    (first, _), (second, at_this_rate), (third, last) = reached
+    assert at_this_rate == second - (first - second)
+    assert last == third

@@ -37,7 +37,7 @@ def descended(
     moved: Callable[[P, Array], P],
     max_steps: int,
     tolerance: float,
-    stops: Callable[[P], bool] = lambda _: False,
+    stops: Callable[[P, float], bool] = lambda _, reachable: False,
 ) -> tuple[P, bool]:
     """The point of least cost near a start, and whether no step gains more than the tolerance.
 
@@ -54,10 +54,11 @@ def descended(
     tolerance : float
         Of the cost.
     stops : callable
-        Whether the search ends at a point without having converged.
+        Whether the search ends at a point without having converged; also given the cost that it reaches
+        if every step that remains gains as much as the last one.
     """
     point, damping = start, _FIRST_DAMPING
-    for _ in range(max_steps):
+    for left in range(max_steps - 1, -1, -1):  # steps
         H, g = information(point)
         if not (np.isfinite(H).all() and np.diag(H).max() > 0):
             return point, False  # data say nothing here, or the fit is far off
@@ -77,7 +78,7 @@ def descended(
         else:
             return point, True
         point = tried
-        if stops(point):
+        if stops(point, point.cost - left * gain):
             return point, False
         if gain < tolerance:
             return point, True

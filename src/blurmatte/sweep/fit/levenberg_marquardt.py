@@ -1,5 +1,6 @@
 """Descent from a start to the nearest path and shape of the least cost."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -19,12 +20,15 @@ def minimize(
     bounds: tuple[float, float],
     max_steps: int = 40,
     tolerance: float = 1e-2,
+    rival: float = math.inf,
 ) -> State:
     """Minimize the cost from a start.
 
     The result has converged if no step gains more than the tolerance and the radius is within bounds.
+    It stops early if the last gain, repeated in all steps that remain, would not reach the cost of a
+    rival.
 
-    Bounds of the radius are in pixels, the tolerance in units of log likelihood.
+    Bounds of the radius are in pixels, tolerance and costs in units of log likelihood.
     """
 
     def information(state: State) -> tuple[Array, Array]:
@@ -40,7 +44,7 @@ def minimize(
         lambda state, step: _moved(state, step, bounds),
         max_steps,
         tolerance,
-        lambda state: state.silhouette.extreme(state.shape),
+        lambda state, reachable: reachable > rival or state.silhouette.extreme(state.shape),
     )
     if not converged:
         return state

@@ -22,9 +22,7 @@ from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
-# Radius of a disc on large pixels, with a sharp and with a soft rim
-_COARSE_RADIUS_PX = 5.0
-_SOFT_COARSE_RADIUS_PX = 4.0
+_COARSE_RADIUS_PX = 4.5  # of a disc on large pixels
 HIGHEST_ORDER = 12  # of the outlines that are fitted
 _FIRST_ORDER = 6  # of the outlines that all searches start with
 # Tried on large pixels from the best outline, and on small pixels in turn
@@ -50,7 +48,7 @@ def fit_outline(disc: State) -> State:
     if not _could_pay(start, best_of(found)) and start.variance_inflation < explained:
         return disc
     for starts in (straighter, stretched, crosswise, turning, changing):
-        found += _fitted(starts(start, best_of(found)), bounds)
+        found += _fitted(starts(start, best_of(found)), bounds, rival=best_of([start, *found]))
         if best_of(found).variance_inflation < explained:
             break
     best = best_of([start, *found])
@@ -60,7 +58,7 @@ def fit_outline(disc: State) -> State:
         best.of_kind(replace(as_silhouette(best.silhouette), order=k)) for k in _COARSE_ORDERS
     ]
     others += [best.along(family) for family in (LINE, ARC, PARABOLA) if family is not best.family]
-    best = best_of([start, best, *_fitted(others, bounds)])
+    best = best_of([start, best, *_fitted(others, bounds, rival=best)])
     if best is start:
         return disc
     fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
@@ -78,18 +76,30 @@ def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
 
 
 def _on_large_pixels(disc: State) -> State:
-    soft, sharp = _SOFT_COARSE_RADIUS_PX, _COARSE_RADIUS_PX
-    radius = soft if disc.silhouette.has("blur") else sharp
-    return disc.on(disc.observation.coarse_enough(disc.radius, radius))
+    return disc.on(disc.observation.coarse_enough(disc.radius, _COARSE_RADIUS_PX))
 
 
 def _fitted(
     starts: Iterable[State],
     bounds: tuple[float, float],
     max_steps: int = _MAX_COARSE_STEPS,
+    rival: State | None = None,
 ) -> list[State]:
-    """Fits on large pixels."""
-    return [minimize(start, bounds, max_steps, ROUGH_TOLERANCE) for start in starts]
+    """Fits on large pixels; those that cannot be preferred to a rival or to each other stop early."""
+    found: list[State] = []
+    for start in starts:
+        cost = np.inf if rival is None else _cost_to_beat(rival, start)
+        fit = minimize(start, bounds, max_steps, ROUGH_TOLERANCE, cost)
+        found.append(fit)
+        if rival is not None and best_of([rival, fit]) is fit:
+            rival = fit
+    return found
+
+
+def _cost_to_beat(rival: State, other: State) -> float:
+    """Above this cost another fit is not preferred to a rival."""
+    fewer = rival.parameters - other.parameters
+    return rival.cost + rival.variance_inflation * bic_penalty(rival.observation, fewer)
 
 
 def _could_pay(disc: State, most_general: State) -> bool:
