@@ -53,10 +53,14 @@ _FINALISTS = 2  # that continue on small pixels
 _MIN_DIFFERENCE = 1.5  # between the paths of two of them, large pixels
 _MAX_COARSE_STEPS, _COARSE_TOLERANCE = 12, 2.0
 _MAX_FINE_STEPS, _FINE_TOLERANCE = 8, 1.0
-_FIRST_STEPS = 5  # of the cells alone, on large pixels; two on small ones
+# Of the cells alone, on large and on small pixels
+_FIRST_STEPS = 5
+_FIRST_FINE_STEPS = 2
+_MAX_CONTINUED = 4  # fits that continue with path and color
 _MAX_MOVE_PX = 4.0  # of a path in a step
 _SHOWN = 0.002  # alpha below which the field of colors has no pixels
 _MAX_TRIALS = 5  # dampings in a step
+_MAX_ACCELERATION = 2.0  # gain of a later step, of the last one
 _REGULAR = 1e-3  # of the diagonal of the normal matrix, added to it
 
 
@@ -69,20 +73,23 @@ def fit_free(fits: Sequence[State]) -> State | None:
     plain = with_principal_axes(best).observation
     count = int(np.count_nonzero(plain.streak))
     coarse = plain.coarser(int(np.ceil(np.sqrt(count / _MAX_COARSE_PIXELS))))
-    found = [
-        _fitted(
-            _Problem.of(coarse, *start, _COARSE_GRAY_PRICE), _MAX_COARSE_STEPS, _COARSE_TOLERANCE
-        )
+    limit, found = min(_price(one.on(coarse)) for one in fits), list[_Problem]()
+    begun = [
+        _with_cells(_Problem.of(coarse, *start, _COARSE_GRAY_PRICE), _FIRST_STEPS)
         for start in _starts(fits, best, coarse)
     ]
+    for problem in sorted(begun, key=lambda one: one.cost)[:_MAX_CONTINUED]:
+        rival = _least_cost(found)
+        found.append(_fitted(problem, _MAX_COARSE_STEPS, _COARSE_TOLERANCE, rival, limit))
     found.sort(key=lambda one: one.cost)
-    if not found or found[0].price >= min(_price(one.on(coarse)) for one in fits):
+    if not found or found[0].price >= limit:
         return None
-    ends = []
+    ends: list[_Problem] = []
     for one in _distinct(found, _MIN_DIFFERENCE * coarse.scale)[:_FINALISTS]:
-        fine = _fitted(one.finer(plain), _MAX_FINE_STEPS, _FINE_TOLERANCE)
-        ends.append(replace(fine, gray_price=_COARSE_GRAY_PRICE))
-    return min(ends, key=lambda one: one.cost).state(best.radius)
+        fine, rival = _with_cells(one.finer(plain), _FIRST_FINE_STEPS), _least_cost(ends)
+        ends.append(_fitted(fine, _MAX_FINE_STEPS, _FINE_TOLERANCE, rival))
+    best_end = min(ends, key=lambda one: one.cost)
+    return replace(best_end, gray_price=_COARSE_GRAY_PRICE).state(best.radius)
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,20 +404,42 @@ class _System:
         return float(np.sqrt(variance + max(float((covariance * (J @ J.T)).sum()), 0.0)))
 
 
-def _fitted(problem: _Problem, max_steps: int, tolerance: float) -> _Problem:
-    """The nearest point of the least cost."""
-    coarse = problem.gray_price == _COARSE_GRAY_PRICE
-    for _ in range(_FIRST_STEPS if coarse else 2):
-        problem = _System.of(problem).step_of_cells()
+def _fitted(
+    problem: _Problem,
+    max_steps: int,
+    tolerance: float,
+    rival: float = np.inf,
+    limit: float = np.inf,
+) -> _Problem:
+    """The nearest point of the least cost.
+
+    It stops early if the remaining steps, each with `_MAX_ACCELERATION` times the last gain, would
+    neither reach the cost of a rival nor an evidence below a limit.
+    """
     damping, last = 0.1, np.inf
     for turn in range(max_steps):
         problem = problem.recolored if turn else problem
         problem, damping = _System.of(problem).step(damping)
-        cost = problem.cost
-        if turn > 1 and last - cost < tolerance:
+        gain, last = last - problem.cost, problem.cost
+        behind = max(problem.cost - rival, problem.evidence - limit)
+        if turn > 0 and behind > _MAX_ACCELERATION * (max_steps - 1 - turn) * max(gain, 0):
             break
-        last = cost
+        if turn > 1 and gain < tolerance:
+            break
     return problem
+
+
+def _with_cells(problem: _Problem, max_steps: int) -> _Problem:
+    """The same with the cells fitted alone."""
+    for _ in range(max_steps):
+        before, problem = problem, _System.of(problem).step_of_cells()
+        if problem is before:
+            break
+    return problem
+
+
+def _least_cost(found: Sequence[_Problem]) -> float:
+    return min((one.cost for one in found), default=np.inf)
 
 
 def _starts(
