@@ -5,12 +5,12 @@ minimum. With the shadow in the plate, all families of paths are therefore fitte
 """
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy
 
 from blurmatte.checks import Array
+from blurmatte.descent import descended
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
@@ -23,6 +23,7 @@ from blurmatte.sweep.model.state import State
 # Lengths of the search for a shadow are in radii of the disc.
 # Radius of a disc on large pixels, on which both disc and shadow are resolved
 _COARSE_RADIUS_PX = 8.0
+_CAST_RADIUS_PX = 5.0  # on which the shadow alone is fitted
 # Of block-coordinate descent, on large and on small pixels
 _COARSE_ROUNDS = 10
 _FINE_ROUNDS = 4
@@ -36,6 +37,8 @@ _MAX_DISTANCE = 6.0
 _MIN_SOFTNESS = 0.03
 _FIRST_SOFTNESS = 0.3
 _MAX_SOFTNESS = 1.0
+_DIFFERENCE = 0.02  # of numerical derivatives
+_MAX_CAST_STEPS = 8  # of the shadow in a round
 _CAUCHY_SCALE = 2.5  # of the loss, standard deviations
 
 
@@ -50,8 +53,10 @@ def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow]
     if not is_known:
         starts += [] if straight is on_coarse else [(straight, None)]
         starts.append(_in_one_half(straight))
-    fits = [_alternated(*start, bounds, _COARSE_ROUNDS) for start in starts]
-    best, cast = min(fits, key=lambda fit: fit[0].cost)
+    best, cast = _alternated(*starts[0], bounds, _COARSE_ROUNDS)
+    for start in starts[1:]:
+        found = _alternated(*start, bounds, _COARSE_ROUNDS, best.cost)
+        best, cast = min((best, cast), found, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / best.variance_inflation
     if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
         return None
@@ -85,16 +90,16 @@ def may_be_shaded(disc: State, outline: State) -> bool:
 
 def _in_one_half(both: State) -> tuple[State, CastShadow]:
     """The likeliest disc and shadow of which a straight sweep of the middle between both was fitted."""
-    plain, radius = both.observation, both.radius
-    softness = np.log(_FIRST_SOFTNESS)
-    found = []
+    radius, softness = both.radius, np.log(_FIRST_SOFTNESS)
+    plain = both.observation.coarse_enough(radius, _CAST_RADIUS_PX)
+    middle, found = both.on(plain), []
     for offset in _first_offsets():
-        disc = both.moved(both.path - radius / 2 * np.tile(offset, 2), both.shape)
+        disc = middle.moved(both.path - radius / 2 * np.tile(offset, 2), both.shape)
         cast = _strengths(plain, disc)(np.array([*offset, softness]))[1]
         shaded = with_principal_axes(disc.relit(in_shadow(plain, disc, cast)))
         found.append((shaded, cast))
     best, cast = min(found, key=lambda one: one[0].cost)
-    return best.on(plain), cast
+    return best.on(both.observation), cast
 
 
 def _restarted(
@@ -112,9 +117,16 @@ def _restarted(
 
 
 def _alternated(
-    disc: State, cast: CastShadow | None, bounds: tuple[float, float], rounds: int
+    disc: State,
+    cast: CastShadow | None,
+    bounds: tuple[float, float],
+    rounds: int,
+    rival: float = np.inf,
 ) -> tuple[State, CastShadow]:
-    """Fit shadow and disc in turn until the cost falls no more; the disc's plate is in the shadow."""
+    """Fit shadow and disc in turn until the cost falls no more; the disc's plate is in the shadow.
+
+    Or until the last gain, repeated in all rounds that remain, would not reach the cost of a rival.
+    """
     plain, found = disc.observation, (disc, cast)
     for turn in range(rounds):
         cast = fit_cast(plain, disc, cast)
@@ -123,7 +135,8 @@ def _alternated(
         if turn > 0 and disc.cost >= before.cost:
             break
         found = disc, cast
-        if rms_difference(before, disc) < _CONVERGED_DIFFERENCE:
+        reachable = disc.cost - (rounds - 1 - turn) * (before.cost - disc.cost)
+        if rms_difference(before, disc) < _CONVERGED_DIFFERENCE or reachable > rival:
             break
     best, cast = found
     assert cast is not None
@@ -142,7 +155,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     The observation has the plate without a shadow.
     """
     radius = disc.radius
-    solved = _strengths(observation.coarse_enough(radius, _COARSE_RADIUS_PX), disc)
+    solved = _strengths(observation.coarse_enough(radius, _CAST_RADIUS_PX), disc)
     first = None
     if start is not None:
         first = np.array([*start.offset / radius, np.log(start.softness / radius)])
@@ -183,31 +196,45 @@ def _strengths(
     return solved
 
 
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Offset (x, y) and log softness (3,), in radii, with residuals and their Cauchy loss."""
+
+    x: Array
+    residuals: Array
+    cost: float
+
+    @classmethod
+    def of(cls, residuals: Callable[[Array], Array], x: Array) -> "_Trial":
+        """At a point, moved within the bounds."""
+        far, softness = _MAX_DISTANCE, np.log([_MIN_SOFTNESS, _MAX_SOFTNESS])
+        x = np.clip(x, (-far, -far, softness[0]), (far, far, softness[1]))
+        r = residuals(x)
+        return cls(x, r, float(np.log1p((r / _CAUCHY_SCALE) ** 2).sum()))
+
+
 def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     """(3,) offset (x, y) and log softness, in radii, of the least residuals."""
-    difference = 0.02  # radii, of numerical derivatives
-    steps = difference * np.eye(3)
 
-    def cost(x: Array) -> float:
-        """Cauchy loss of the residuals."""
-        return float(np.sum(np.log1p((residuals(x) / _CAUCHY_SCALE) ** 2)))
+    def information(trial: _Trial) -> tuple[Array, Array]:
+        """Curvature and gradient of the loss, from differences of the residuals."""
+        x, r, by = trial.x, trial.residuals, _DIFFERENCE
+        J = np.stack([residuals(x + step) - r for step in by * np.eye(3)]) / by
+        weighted = 2 * J / (_CAUCHY_SCALE**2 + r**2)
+        return weighted @ J.T, weighted @ r
 
-    def slopes(x: Array) -> Array:
-        """Differences of the residuals."""
-        here = residuals(x)
-        return np.stack([residuals(x + step) - here for step in steps], axis=-1) / difference
+    def moved(trial: _Trial, step: Array) -> _Trial:
+        """By at most a radius, which the profile of a shadow about follows."""
+        return _Trial.of(residuals, trial.x + step / max(float(np.abs(step).max()), 1))
 
-    softness = _MIN_SOFTNESS, _FIRST_SOFTNESS, _MAX_SOFTNESS
-    lowest, first, highest = np.log(softness)
     if start is None:
-        start = min((np.array([*offset, first]) for offset in _first_offsets()), key=cost)
-    far = _MAX_DISTANCE
-    bounds = (-far, -far, lowest), (far, far, highest)
-    end = scipy.optimize.least_squares(
-        residuals, np.clip(start, *bounds), slopes, bounds,
-        loss="cauchy", f_scale=_CAUCHY_SCALE, max_nfev=12, ftol=1e-4, xtol=1e-3,
-    )  # fmt: skip  # rough: the next round refines both
-    return np.asarray(end.x)
+        softness = np.log(_FIRST_SOFTNESS)
+        trials = (_Trial.of(residuals, np.array([*at, softness])) for at in _first_offsets())
+        first = min(trials, key=lambda trial: trial.cost)
+    else:
+        first = _Trial.of(residuals, start)
+    # Rough: the next round refines both.
+    return descended(first, information, moved, _MAX_CAST_STEPS, ROUGH_TOLERANCE)[0].x
 
 
 def _first_offsets() -> list[tuple[float, float]]:

@@ -90,15 +90,22 @@ def _add_shadow(centers, offset, radius, profile, step, S):  # type: ignore[no-u
     pixels from its center. Pixels at the rim are covered in part.
     """
     h, w = S.shape
-    reach = step * (len(profile) - 1)
+    reach, per_step, part = step * (len(profile) - 1), 1 / step, 1 / len(centers)
+    inner, outer = max(radius - 0.5, 0.0) ** 2, (radius + 0.5) ** 2  # of the disc's rim
     for i in range(len(centers)):
-        x0, y0 = centers[i, 0] + offset[0], centers[i, 1] + offset[1]
+        cx, cy = centers[i, 0], centers[i, 1]
+        x0, y0 = cx + offset[0], cy + offset[1]
         for y in range(max(int(np.ceil(y0 - reach)), 0), min(int(y0 + reach) + 1, h)):
-            for x in range(max(int(np.ceil(x0 - reach)), 0), min(int(x0 + reach) + 1, w)):
-                at = np.sqrt((x - x0) ** 2 + (y - y0) ** 2) / step
+            half = np.sqrt(max(reach * reach - (y - y0) ** 2, 0.0))
+            for x in range(max(int(np.ceil(x0 - half)), 0), min(int(x0 + half) + 1, w)):
+                from_disc = (x - cx) ** 2 + (y - cy) ** 2
+                if from_disc <= inner:
+                    continue
+                at = np.sqrt((x - x0) ** 2 + (y - y0) ** 2) * per_step
                 before = int(at)
                 if before >= len(profile) - 1:
                     continue
                 dark = profile[before] + (at - before) * (profile[before + 1] - profile[before])
-                out = np.sqrt((x - centers[i, 0]) ** 2 + (y - centers[i, 1]) ** 2) - radius
-                S[y, x] += dark * min(max(out + 0.5, 0.0), 1.0) / len(centers)
+                if from_disc < outer:
+                    dark *= np.sqrt(from_disc) - radius + 0.5
+                S[y, x] += part * dark
