@@ -335,13 +335,13 @@ def _fit_before(
     if _is_known_solid(search.observation):
         return _Candidates.of(fits, hypotheses, limit).refined()
     state = best_of([kind[0] for kind in (one_paint, varied) if kind])
-    seen_through = _explaining(state, search.bounds)
-    if seen_through is not None:
+    seen_through = _seen_through(state, search.bounds)
+    if _is_alone_explaining(seen_through, state):
         state = seen_through
     elif not (is_source(state) or is_at_rest(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
         opacity = _opacity_of(solid.likeliest.state)
-        thin = _likelier_thin(solid, state, opacity)
+        thin = _likelier_thin(solid, state, seen_through, opacity)
         if thin is None:
             spread = float(np.hypot(opacity.std, 1 - opacity.value))
             return solid.with_opacity_std(spread).refined()
@@ -356,27 +356,31 @@ def _fit_before(
     return _of_light(search_in, fits, hypotheses, limit, hides.std)
 
 
-def _likelier_thin(solid: "_Candidates", disc: State, opacity: Opacity) -> State | None:
+def _likelier_thin(
+    solid: "_Candidates", disc: State, thin_disc: State, opacity: Opacity
+) -> State | None:
     """A shape that lets light through and is likelier than the solid ones, if there is one.
 
-    disc: where another search starts. opacity: that of the likeliest solid shape.
+    disc, thin_disc: where another search starts, and `_seen_through` of it.
+    opacity: that of the likeliest solid shape.
     """
-    bounds, state = solid.fits.search.bounds, solid.likeliest.state
+    state = solid.likeliest.state
     if solid.likeliest.cast is not None:  # its cost is that before another plate
-        thin = _seen_through(disc, bounds)
-        return thin if thin is not disc and solid.is_beaten_by(thin) else None
-    is_known = opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)
-    starts = [state] if is_known or disc is state else [state, disc]
-    thin = best_of([_seen_through(one, bounds) for one in starts])
-    return thin if thin not in starts and best_of([state, thin]) is thin else None
+        is_likelier = thin_disc is not disc and solid.is_beaten_by(thin_disc)
+        return thin_disc if is_likelier else None
+    thin = thin_disc
+    if state is not disc:
+        thin = _seen_through(state, solid.fits.search.bounds, opacity)
+    if not (opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)):
+        thin = best_of([thin, thin_disc])
+    return thin if thin not in (state, disc) and best_of([state, thin]) is thin else None
 
 
-def _explaining(disc: State, bounds: tuple[float, float]) -> State | None:
-    """A disc that lets light through, if it leaves nothing to explain and a solid one does."""
-    if is_explained_by(disc):
-        return None
-    thin = _seen_through(disc, bounds)
-    return None if best_of([disc, thin]) is disc or not is_explained_by(thin) else thin
+def _is_alone_explaining(thin: State, disc: State) -> bool:
+    """Whether a disc leaves nothing to explain if it lets light through, and something if not."""
+    if thin is disc or is_explained_by(disc):
+        return False
+    return best_of([disc, thin]) is thin and is_explained_by(thin)
 
 
 def _of_light(
@@ -485,14 +489,14 @@ def _is_known_solid(observation: Observation) -> bool:
     return opacity is OpacityPrior.SOLID or (opacity is OpacityPrior.USUAL and prior is not None)
 
 
-def _seen_through(state: State, bounds: tuple[float, float]) -> State:
+def _seen_through(state: State, bounds: tuple[float, float], known: Opacity | None = None) -> State:
     """A fit with its opacity, both as each other need: other shapes need not explain the plate in it.
 
     The shape of a solid object is wrong for one that lets light through, and hides what it lets
     through. So fits start from the opacity that it has if it is not solid, where the plate's texture
-    says something about that.
+    says something about that. `known` is the opacity of the fit, if it is known.
     """
-    found, fitted = _opacity_of(state), state
+    found, fitted = known or _opacity_of(state), state
     is_open = found.thin_std > _MAX_OPEN_STD
     if found.value == 1 and (is_open or (found.std <= _MAX_KNOWN_STD and is_explained_by(state))):
         return state
@@ -503,6 +507,9 @@ def _seen_through(state: State, bounds: tuple[float, float]) -> State:
         assert isinstance(fitted.silhouette, FlatShape)
         thin = fitted.of_kind(fitted.silhouette.with_opacity(opacity))
         fitted = minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
+        worse = (fitted.cost - state.cost) / state.variance_inflation
+        if found.value == 1 and worse > DECISIVE_LOG_BAYES_FACTOR:
+            return state
         found = _opacity_of(fitted)
     return state if found.value == 1 else fitted
 
