@@ -258,8 +258,11 @@ def sweep(motion, maps, by_maps, changes, rim, shape, soft, alpha, J):  # type: 
                 if inside > far:
                     alpha[j, i] += weights[k]
                     continue
-                for e in range(1, of_edge):
-                    at[e] = between(lattice, p, q, u, v, e)
+                a00, a10, a01, a11 = (1 - v) * (1 - u), (1 - v) * u, v * (1 - u), v * u
+                for e in range(8):  # a constant number is vectorized
+                    at[e] = (a00 * lattice[q, p, e] + a10 * lattice[q, p + 1, e]) + (
+                        a01 * lattice[q + 1, p, e] + a11 * lattice[q + 1, p + 1, e]
+                    )
                 nx, ny, curvature = at[1], at[2], at[3]
                 mx, my = a * nx + c * ny, b * nx + d * ny
                 if changes:
