@@ -22,7 +22,9 @@ from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
-_COARSE_RADIUS_PX = 4.5  # of a disc on large pixels
+# Radius of a disc on large pixels, with a sharp and with a soft rim
+_COARSE_RADIUS_PX = 5.0
+_SOFT_COARSE_RADIUS_PX = 4.0
 HIGHEST_ORDER = 12  # of the outlines that are fitted
 _FIRST_ORDER = 6  # of the outlines that all searches start with
 # Tried on large pixels from the best outline, and on small pixels in turn
@@ -76,7 +78,9 @@ def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
 
 
 def _on_large_pixels(disc: State) -> State:
-    return disc.on(disc.observation.coarse_enough(disc.radius, _COARSE_RADIUS_PX))
+    soft, sharp = _SOFT_COARSE_RADIUS_PX, _COARSE_RADIUS_PX
+    radius = soft if disc.silhouette.has("blur") else sharp
+    return disc.on(disc.observation.coarse_enough(disc.radius, radius))
 
 
 def _fitted(
