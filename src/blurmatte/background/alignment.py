@@ -223,13 +223,14 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
 
     After convergence, outliers get no weight and the fit continues: a large object otherwise biases the
     light. Every step estimates the scale of the residuals, so that there is no one cost to descend.
+    Residuals are linear in the light, so that the plate is interpolated anew only if it moves.
     """
     free, rows = list(GEOMETRIES[model[0]]), level.free_rows(model[1])
     h, light, identity = start.h.copy(), start.light.copy(), level.identity.light[rows]
     prior = np.eye(len(free) + 3 * len(rows)) / _PARAMETER_STD**2
     inliers = np.ones((len(level.xy), 3), bool)
+    residuals, slopes = residuals_and_slopes(level, h, light, free, rows)
     for left in range(15, -1, -1):  # steps
-        residuals, slopes = residuals_and_slopes(level, h, light, free, rows)
         normal, gradient = _equations(residuals, slopes, len(rows), inliers)
         now = np.concatenate([h[free], (light[rows] - identity).T.ravel()])
         step = np.linalg.solve(normal + prior, -gradient - prior @ now)
@@ -238,7 +239,12 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
                 break
             inliers = np.abs(residuals) < _MAX_RESIDUAL_STD * quartile_scale(residuals)
         h[free] += step[: len(free)]
-        light[rows] += step[len(free) :].reshape(3, len(rows)).T
+        by_light = step[len(free) :].reshape(3, len(rows))
+        light[rows] += by_light.T
+        if free:
+            residuals, slopes = residuals_and_slopes(level, h, light, free, rows)
+        else:
+            residuals = residuals + np.einsum("ncr,cr->nc", slopes, by_light)
     return Alignment(level, h, light, residuals, model, tuple(rows))
 
 
