@@ -41,6 +41,12 @@ def rows_columns(box: Sequence[int], whole: Sequence[int] = (0, 0)) -> tuple[sli
     return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
 
 
+def box_of(mask: Bools) -> Box:
+    """The bounding box of the True pixels, of which there is one at least."""
+    y, x = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    return int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1
+
+
 def enclosing(boxes: Iterable[Box]) -> Box:
     """The smallest box around one or more boxes."""
     x0, y0, x1, y1 = zip(*boxes, strict=True)

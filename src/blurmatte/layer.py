@@ -16,6 +16,7 @@ from blurmatte.checks import (
     Array,
     Box,
     Floats,
+    box_of,
     check_box,
     check_kind,
     check_light,
@@ -102,8 +103,7 @@ class Layer(Displayed):
         there = np.asarray(self.alpha != 0)
         for channel in range(3):  # several times as fast as `any` over the last axis
             there |= self.premultiplied[..., channel] != 0
-        y, x = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
-        return (int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1) if len(x) else None
+        return box_of(there) if there.any() else None
 
     @property
     def color(self) -> Array:

@@ -23,6 +23,7 @@ from blurmatte.checks import (
     Bools,
     Box,
     Floats,
+    box_of,
     check_map,
     check_same_size,
     rows_columns,
@@ -117,12 +118,6 @@ class PlateGuess(LinearImage):
     def error(self) -> float:
         """Root mean square of the standard deviation of the light that is a guess; white is 1."""
         return float(np.sqrt(np.asarray(self.variance)[self.hidden].mean()))
-
-
-def box_of(mask: Bools) -> Box:
-    """The bounding box of the True pixels, of which there is one at least."""
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:

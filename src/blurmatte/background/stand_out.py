@@ -8,8 +8,8 @@ scenes that agree with the surroundings do.
 import numpy as np
 import scipy
 
-from blurmatte.background.guess import PlateGuess, box_of, guess_plate
-from blurmatte.checks import Array, Bools, Box, rows_columns
+from blurmatte.background.guess import PlateGuess, guess_plate
+from blurmatte.checks import Array, Bools, Box, box_of, rows_columns
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.statistics import QUANTILE_999_3, block_sums

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Codes8
+from blurmatte.checks import Bools, Codes8, box_of
 from blurmatte.jpeg.coefficients import MAX_CODE_BITS, ZIGZAG, Jpeg, JpegError, scan_order
 from blurmatte.jpeg.entropy import pack, tokenize
 from blurmatte.jpeg.reading import read_jpeg
@@ -176,10 +176,7 @@ def replace_blocks(jpeg: Jpeg, codes: Codes8, changed: Bools) -> Jpeg:
     if jpeg.sampling not in _PILLOW_SUBSAMPLING or is_rgb(jpeg.metadata, jpeg.components):
         raise JpegError("the chroma sampling of the JPEG is not supported")
     affected = _affected_mcus(jpeg, changed)
-    rows, columns = np.flatnonzero(affected.any(axis=1)), np.flatnonzero(affected.any(axis=0))
-    top, left, bottom, right = (
-        int(n) for n in (rows[0], columns[0], rows[-1] + 1, columns[-1] + 1)
-    )
+    left, top, right, bottom = box_of(affected)
     width, height = jpeg.mcu
     new = _compress(jpeg, codes[top * height : bottom * height, left * width : right * width])
     result = replace(jpeg, coefficients=jpeg.coefficients.copy())

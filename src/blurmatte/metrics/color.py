@@ -5,7 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools, Floats, as_array, check_light, check_same_size
+from blurmatte.checks import (
+    Array,
+    Floats,
+    as_array,
+    box_of,
+    check_light,
+    check_same_size,
+    rows_columns,
+)
 from blurmatte.layer import Layer
 from blurmatte.metrics.inputs import check_all_finite, check_layer, picture_size, streak_of
 from blurmatte.radiometry import SRGB, LinearImage
@@ -121,7 +129,7 @@ def recomposite_psnr(estimated: Layer, true: Layer, background: LinearImage) -> 
     if not isinstance(background, LinearImage):
         raise TypeError(f"background must be a LinearImage, got {type(background).__name__}")
     check_same_size("estimated", estimated.size, "true", true.size)
-    box = _box(streak_of(true.alpha))
+    box = rows_columns(box_of(streak_of(true.alpha)))
     seen, wanted = (_coded(layer.over(background).rgb[box]) for layer in (estimated, true))
     error = float(np.mean((seen - wanted) ** 2))
     return -10 * float(np.log10(error)) if error > 0 else np.inf
@@ -159,13 +167,6 @@ def _true_colors(true: Array) -> Array:
     if black:
         raise ValueError(f"true must hold colors that are not black, got {black} black ones")
     return colors
-
-
-def _box(mask: Bools) -> tuple[slice, slice]:
-    """Rows and columns of the smallest upright box around a mask."""
-    lines = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    rows, columns = (slice(int(line[0]), int(line[-1]) + 1) for line in lines)
-    return rows, columns
 
 
 def _coded(light: Floats) -> Array:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, check_kind, check_map, rows_columns
+from blurmatte.checks import Bools, Box, Floats, box_of, check_kind, check_map, rows_columns
 
 MAX_EXPECTED = 0.05  # false streaks in a picture: a streak with fewer is significant
 _TILE_CELLS = 8, 32  # at least: T is correlated over fewer; at most
@@ -94,11 +94,9 @@ class Streak:
         if mask.ndim != 2:
             raise ValueError(f"mask must have the shape (height, width), got {mask.shape}")
         object.__setattr__(self, "mask", mask)
-        rows, columns = (np.flatnonzero(np.any(self.mask, axis=axis)) for axis in (1, 0))
-        if len(rows) == 0:
+        if not mask.any():
             raise ValueError("a streak needs at least one pixel; its mask is empty")
-        box = (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
-        object.__setattr__(self, "box", box)
+        object.__setattr__(self, "box", box_of(mask))
 
     def __repr__(self) -> str:
         x0, y0, x1, y1 = self.box
