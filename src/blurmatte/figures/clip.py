@@ -19,7 +19,6 @@ from blurmatte.figures.drawing import (
     ellipse_enlargement,
     figure_pixels,
     fitted,
-    gray_codes,
     new_figure,
     principal_axes,
     round_up,
@@ -190,12 +189,12 @@ def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
         for one, crop in zip(solved, crops, strict=True)
     ]
     shown += [
-        Panel(gray_codes(part.alpha, peak), f"alpha {one.frame}", f"white = {peak:g}")
+        Panel.gray(part.alpha, peak, f"alpha {one.frame}")
         for one, part in zip(solved, parts, strict=True)
     ]
     size = int(room[0]), int(room[1])
     layout = Layout.best(size, len(shown), len(solved), MATTES_HEIGHT)
-    sheet.grid(shown, layout, "frames and their alpha")
+    sheet.grid(shown, "frames and their alpha", layout)
 
 
 def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[Color, str]]:

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Codes8, Floats
 from blurmatte.errors import BlurmatteError
-from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
 
 Color = tuple[int, int, int]
@@ -35,12 +34,6 @@ def srgb_codes(light: npt.NDArray[Any]) -> Codes8:
     return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
 
 
-def gray_codes(alpha: Floats, white: float) -> Codes8:
-    """(H, W, 3) gray levels proportional to alpha (H, W); `white` maps to 255."""
-    gray = np.asarray(np.rint(255 * np.clip(alpha / white, 0, 1)), dtype=np.uint8)
-    return gray[..., None].repeat(3, axis=-1)
-
-
 def heat_codes(values: Floats) -> Codes8:
     """(H, W, 3) colors of the heat scale for values 0…1 (H, W)."""
     stops = np.arange(len(Palette.heat))
@@ -55,11 +48,6 @@ def checkerboard(shape: tuple[int, ...]) -> Floats:
     y, x = np.ogrid[: shape[0], : shape[1]]
     light = np.where((y // tile + x // tile) % 2, 0.2, 0.16).astype(np.float32)
     return np.asarray(light[..., None].repeat(3, axis=-1))
-
-
-def over_checkerboard(layer: Layer) -> Codes8:
-    """(H, W, 3) codes of a layer over a dark checkerboard."""
-    return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
 
 def light_of_codes(codes: npt.NDArray[Any]) -> Floats:

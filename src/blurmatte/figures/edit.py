@@ -1,13 +1,13 @@
 """Sheets of layers: before and after an edit, and exposures of paints."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from blurmatte.checks import Box, Codes8, check_kind, check_same_size, rows_columns
 from blurmatte.compositing import Exposures
 from blurmatte.figures.drawing import (
     fitted,
-    gray_codes,
-    over_checkerboard,
     round_up,
     srgb_codes,
 )
@@ -54,7 +54,13 @@ def draw_edit(
     peak = round_up(float(max(part.alpha.max(), new.alpha.max())))
     sheet = Canvas()
     sheet.title("before and after", f"{size_text(layer.size)} px{remark and f', {remark}'}")
-    panels = [_layer_panels(one, peak, name) for one, name in ((part, "before"), (new, "after"))]
+    panels = [
+        [
+            Panel.layer(one, f"layer {name}", "over a checkerboard"),
+            Panel.gray(one.alpha, peak, f"alpha {name}"),
+        ]
+        for one, name in ((part, "before"), (new, "after"))
+    ]
     if before is not None and after is not None:
         strip = [("before", before.in_srgb()), ("after", after.in_srgb())]
         for row, (name, picture) in zip(panels, strip, strict=True):
@@ -64,15 +70,8 @@ def draw_edit(
         whole = [Panel(np.asarray(fitted(picture, room)[0]), name) for name, picture in strip]
         sheet.row(whole, "the picture")
     rows = [panel for row in panels for panel in row]
-    sheet.grid(rows, Layout.best(part.size, len(rows), len(panels[0])), "the object")
+    sheet.grid(rows, "the object", Layout.best(part.size, len(rows), len(panels[0])))
     return sheet.pixels()
-
-
-def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
-    return [
-        Panel(over_checkerboard(layer), f"layer {when}", "over a checkerboard"),
-        Panel(gray_codes(layer.alpha, peak), f"alpha {when}", f"white = {peak:g}"),
-    ]
 
 
 def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
@@ -112,16 +111,16 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Codes8:
     box = around(layer)
     place, part = rows_columns(box), layer.crop(box)
     peak = round_up(float(part.alpha.max()))
-    panels = [Panel(over_checkerboard(part), "layer", "over a checkerboard")]
+    panels = [Panel.layer(part, "layer", "over a checkerboard")]
     codes = srgb_codes(np.minimum(exposures.paints, 1))
     for k in range(count):
-        map_of = gray_codes(np.maximum(exposures.fraction[place][..., k], 0), peak)
         red, green, blue = (int(code) for code in codes[k])
         legend = [((red, green, blue), f"#{red:02x}{green:02x}{blue:02x}")]
-        panels.append(Panel(map_of, f"paint {k + 1}", f"white = {peak:g} of the exposure", legend))
+        panel = Panel.gray(exposures.fraction[place][..., k], peak, f"paint {k + 1}")
+        panels.append(replace(panel, remark=f"{panel.remark} of the exposure", legend=legend))
     sheet = Canvas()
     sheet.title("how long each paint was there", f"{size_text(layer.size)} px")
-    sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
+    sheet.grid(panels, "the object")
     return sheet.pixels()
 
 

@@ -8,10 +8,10 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.checks import Codes8, check_kind
 from blurmatte.deblurring.sharp import Sharp
-from blurmatte.figures.drawing import gray_codes, over_checkerboard, round_up, srgb_codes
+from blurmatte.figures.drawing import round_up, srgb_codes
 from blurmatte.figures.edit import around
 from blurmatte.figures.motion import draw_path, draw_sharp
-from blurmatte.figures.sheet import Canvas, Layout, Panel, size_text
+from blurmatte.figures.sheet import Canvas, Panel, size_text
 from blurmatte.figures.solution import draw_plate
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
@@ -51,7 +51,7 @@ def draw_look(thing: Shown) -> Codes8:
         case LinearImage():
             sheet = Canvas()
             sheet.title(thing.meta.source or "picture", f"{size_text(thing.size)} px")
-            _one(sheet, Panel(srgb_codes(thing.in_srgb().rgb), ""), "as a screen shows it")
+            sheet.grid([Panel(srgb_codes(thing.in_srgb().rgb), "")], "as a screen shows it")
             return sheet.pixels()
         case Motion():
             return draw_path(thing)
@@ -66,22 +66,16 @@ def _layer(thing: Layer | Solution) -> Codes8:
     """A layer, whole and around its object."""
     sheet, layer = Canvas(), thing if isinstance(thing, Layer) else thing.layer
     sheet.title(str(thing), "" if isinstance(thing, Layer) else thing.solver)
-    _one(sheet, Panel(over_checkerboard(layer), ""), "the layer over a checkerboard")
+    sheet.grid([Panel.layer(layer, "")], "the layer over a checkerboard")
     if not layer.empty:
         part = layer.crop(around(layer))
-        peak = round_up(float(part.alpha.max()))
         panels = [
-            Panel(over_checkerboard(part), "layer"),
+            Panel.layer(part, "layer"),
             Panel(srgb_codes(part.straight()), "color"),
-            Panel(gray_codes(part.alpha, peak), "alpha", f"white = {peak:g}"),
+            Panel.gray(part.alpha, round_up(float(part.alpha.max())), "alpha"),
         ]
-        sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
+        sheet.grid(panels, "the object")
     return sheet.pixels()
-
-
-def _one(sheet: Canvas, panel: Panel, what: str) -> None:
-    height, width = panel.pixels.shape[:2]
-    sheet.grid([panel], Layout.best((width, height), 1), what)
 
 
 def png_of_look(thing: Shown) -> bytes:

@@ -13,9 +13,7 @@ from blurmatte.figures.drawing import (
     ellipse_enlargement,
     error_ellipse,
     fitted,
-    gray_codes,
     light_of_codes,
-    over_checkerboard,
     round_up,
     srgb_codes,
     unit_circle,
@@ -155,26 +153,19 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8
     facts += [f"misfit {sharp.misfit:.2f} (1 is noise)"] if noise_known else []
     sheet.title("sharp", f"{size_text(sharp.size)} px; {', '.join(facts)}")
     names = ("when the shutter opens", "in the middle", "when it closes")
-    panels = [Panel(over_checkerboard(blurred.crop(box)), "blurred", "over a checkerboard")]
-    panels += [
-        Panel(over_checkerboard(one.crop(box)), name)
-        for one, name in zip(moments, names, strict=True)
-    ]
-    sheet.grid(panels, _layout(size, len(panels)), "the object")
+    panels = [Panel.layer(blurred.crop(box), "blurred", "over a checkerboard")]
+    panels += [Panel.layer(one.crop(box), name) for one, name in zip(moments, names, strict=True)]
+    sheet.grid(panels, "the object", _layout(size, len(panels)))
     close = box_around(moments[1]) or box
     part = moments[1].crop(close)
     std = np.sqrt(np.mean(sharp.color_std[rows_columns(close)] ** 2, axis=-1))
-    peak = round_up(float(std.max()))
-    sheet.grid(
-        [
-            Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
-            Panel(gray_codes(std, peak), "error of the color", f"white = {peak:g}"),
-        ],
-        _layout(part.size, 2, [2]),
-        "the color and its standard deviation",
-    )
-    frames = [Panel(over_checkerboard(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
-    sheet.grid(frames, _layout(size, len(frames)), "sub-frames; the direction of time is unknown")
+    panels = [
+        Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
+        Panel.gray(std, round_up(float(std.max())), "error of the color"),
+    ]
+    sheet.grid(panels, "the color and its standard deviation", _layout(part.size, 2, [2]))
+    panels = [Panel.layer(one.crop(box), "") for one in sharp.subframes(_STRIP)]
+    sheet.grid(panels, "sub-frames; the direction of time is unknown", _layout(size, len(panels)))
     return sheet.pixels()
 
 

@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import Codes8, Floats
-from blurmatte.figures.drawing import Color, Palette, heat_codes, rescaled
+from blurmatte.figures.drawing import (
+    Color,
+    Palette,
+    checkerboard,
+    heat_codes,
+    rescaled,
+    srgb_codes,
+)
+from blurmatte.layer import Layer
+from blurmatte.radiometry import LinearImage
 
 
 @dataclass(frozen=True)
@@ -32,6 +41,25 @@ class Panel:
     title: str
     remark: str = ""
     legend: Sequence[tuple[Color | None, str]] = ()  # None: the heat scale
+
+    @classmethod
+    def gray(cls, values: Floats, white: float, title: str) -> "Panel":
+        """A map (H, W) in gray levels; `white` is shown as white."""
+        gray = np.asarray(np.rint(255 * np.clip(values / white, 0, 1)), dtype=np.uint8)
+        return cls(gray[..., None].repeat(3, axis=-1), title, f"white = {white:g}")
+
+    @classmethod
+    def heat(cls, values: Floats, top: float, title: str, remark: str) -> "Panel":
+        """A map (H, W) of values from 0 to `top` in the colors of the heat scale."""
+        return cls(
+            heat_codes(np.clip(values / top, 0, 1)), title, remark, [(None, f"0 to {top:g}")]
+        )
+
+    @classmethod
+    def layer(cls, layer: Layer, title: str, remark: str = "") -> "Panel":
+        """A layer over a checkerboard."""
+        picture = layer.over(LinearImage(checkerboard(layer.alpha.shape)))
+        return cls(srgb_codes(picture.rgb), title, remark)
 
 
 @dataclass(frozen=True)
@@ -131,8 +159,10 @@ class Canvas:
             self.y = self.line(Page.margin, self.y, line)
         self.y += Page.gap // 2
 
-    def grid(self, panels: Sequence[Panel], layout: Layout, name: str) -> None:
-        """Add a grid of panels, all at the scale of the layout."""
+    def grid(self, panels: Sequence[Panel], name: str, layout: Layout | None = None) -> None:
+        """Add a grid of panels of one size, all at the scale of the layout, by default the best."""
+        height, width = panels[0].pixels.shape[:2]
+        layout = layout or Layout.best((width, height), len(panels))
         scale = layout.scale
         size = f"{scale}x enlarged" if scale > 1 else f"{-scale}x reduced" if scale < 0 else "1:1"
         self.y = self.heading(Page.margin, self.y, f"{name}, {size}")

@@ -28,7 +28,6 @@ from blurmatte.figures.drawing import (
     checkerboard,
     draw_line,
     fitted,
-    gray_codes,
     heat_codes,
     light_of_codes,
     round_up,
@@ -95,7 +94,7 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     for line in _warned(solution):
         sheet.banner(line, _BANNERS[solution.grade])
     _head(sheet, _whole(image, solution), solution)
-    sheet.grid(panels, layout, "the streak")
+    sheet.grid(panels, "the streak", layout)
     return sheet.pixels()
 
 
@@ -183,7 +182,7 @@ def _panels(
     return [
         Panel(image.rgb[place], "image"),
         Panel(plate.rgb[place], "plate", "a guess" if isinstance(plate, PlateGuess) else ""),
-        Panel(gray_codes(layer.alpha, peak), "alpha", f"white = {peak:g}"),
+        Panel.gray(layer.alpha, peak, "alpha"),
         Panel(layer.premultiplied, "light", "that is added, over black")
         if solution.stats.only_adds_light
         else Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
@@ -196,10 +195,9 @@ def _guess_panels(guess: PlateGuess, place: tuple[slice, slice]) -> list[Panel]:
     """Another scene that agrees with the surroundings, and the error of the guess."""
     std = np.where(guess.hidden, np.sqrt(np.asarray(guess.variance).mean(axis=-1)), 0)
     top = round_up(float(np.percentile(std[guess.hidden], 98)))
-    errors = heat_codes(np.clip(std[place] / top, 0, 1))
     return [
         Panel(guess.plates[1].in_srgb().rgb[place], "as likely", "another scene"),
-        Panel(errors, "plate error", "std of the guess, 1 is white", [(None, f"0 to {top:g}")]),
+        Panel.heat(std[place], top, "plate error", "std of the guess, 1 is white"),
     ]
 
 
@@ -386,8 +384,8 @@ def draw_plate(fit: PlateFit) -> Codes8:
     sheet.sentences(explain(fit))
     panels = [
         Panel(light, "plate", legend=[unknown]),
-        Panel(heat_codes(fit.coverage), "free", "share of frames", [(None, "0 to 1")]),
+        Panel.heat(fit.coverage, 1, "free", "share of frames"),
         Panel(errors, "error", "std of light, 1 is white", [(None, f"0 to {top:g}"), unknown]),
     ]
-    sheet.grid(panels, Layout.best(plate.size, len(panels)), "what the frames say")
+    sheet.grid(panels, "what the frames say")
     return sheet.pixels()
