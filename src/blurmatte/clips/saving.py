@@ -443,6 +443,6 @@ def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:
         "layers": len(layers),
         "empty_layers": report.empty,
         "grades": report.grades,
-        "shots": [asdict(replace(shot)) for shot in report.shots],
+        "shots": [asdict(shot) for shot in report.shots],
         "problems": list(report.problems),
     }

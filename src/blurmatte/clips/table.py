@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from functools import partial
 from operator import attrgetter
 from typing import Any
 
@@ -78,19 +79,17 @@ class FrameRecord:
     @classmethod
     def of(cls, row: FrameMotion, shot: int, solution: Solution, layer: str) -> FrameRecord:
         """The record of a solution."""
-        inside, sweep = solution.streak & solution.known, solution.sweep
-        place = None if sweep is None else sweep.family.curve(sweep.path)[16]
-        whole = solution.layer
+        inside, whole, shape = solution.streak & solution.known, solution.layer, dict[str, Any]()
+        if (sweep := solution.sweep) is not None:
+            x, y = sweep.family.curve(sweep.path)[16]
+            shape = {"x": float(x), "y": float(y), "length": float(sweep.length)}
+            shape |= {"radius": float(sweep.radius), "radius_std": float(sweep.radius_std)}
         return cls(
             row.frame,
             row.time,
             row.object or 1,
             shot,
-            x=None if place is None else float(place[0]),
-            y=None if place is None else float(place[1]),
-            radius=None if sweep is None else float(sweep.radius),
-            radius_std=None if sweep is None else float(sweep.radius_std),
-            length=None if sweep is None else float(sweep.length),
+            **shape,
             sum_alpha=float(solution.alpha[inside].sum(dtype=float)),
             sum_alpha_std=solution.stats.sum_alpha_std,
             color=solution.model.color,
@@ -167,16 +166,10 @@ class PictureRecord:
             motion = measure_motion(solution)
         except MotionError:  # alpha may be nothing, or unknown everywhere
             return record
-        angle, std = math.degrees(motion.angle), math.degrees(motion.angle_std)
-        return replace(
-            record,
-            radius=_finite(motion.radius),
-            radius_std=_finite(motion.radius_std),
-            length=_finite(motion.length),
-            length_std=_finite(motion.length_std),
-            angle=_finite(angle),
-            angle_std=_finite(std),
-        )
+        names = ("radius", "radius_std", "length", "length_std")
+        found: dict[str, Any] = {name: float(getattr(motion, name)) for name in names}
+        found |= {name: math.degrees(getattr(motion, name)) for name in ("angle", "angle_std")}
+        return replace(record, **{name: x for name, x in found.items() if math.isfinite(x)})
 
     @property
     def columns(self) -> Sequence[Column[PictureRecord]]:
@@ -199,23 +192,15 @@ def _columns(names: Iterable[str], **units: str) -> Iterator[Column[Any]]:
     return (Column(name, known.get(name, ""), attrgetter(name)) for name in names)
 
 
-def _edge(k: int, box: Box | None) -> int | None:
-    """One of the four edges of a box, if there is one."""
-    return None if box is None else box[k]
+def _edge(k: int, record: FrameRecord) -> int | None:
+    """One of the four edges of the box of a layer, if there is one."""
+    return None if record.box is None else record.box[k]
 
 
 FRAME_COLUMNS: tuple[Column[FrameRecord], ...] = (
     *_columns((one.name for one in fields(FrameRecord) if one.name != "box"), time="s"),
-    Column("x0", "px", lambda record: _edge(0, record.box)),
-    Column("y0", "px", lambda record: _edge(1, record.box)),
-    Column("x1", "px", lambda record: _edge(2, record.box)),
-    Column("y1", "px", lambda record: _edge(3, record.box)),
+    *(Column(name, "px", partial(_edge, k)) for k, name in enumerate(("x0", "y0", "x1", "y1"))),
 )
 PICTURE_COLUMNS: tuple[Column[PictureRecord], ...] = (
     *_columns((one.name for one in fields(PictureRecord)), angle="°", angle_std="°"),
 )
-
-
-def _finite(value: float) -> float | None:
-    """The value; None stands for what is not finite."""
-    return float(value) if math.isfinite(value) else None
