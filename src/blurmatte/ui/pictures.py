@@ -82,11 +82,8 @@ class Pictures:
         except (bm.BlurmatteError, ValueError, OSError, MemoryError) as error:
             return b"", {}, " ".join(str(error).split()) or repr(error)
         except Exception as error:
-            return (
-                b"",
-                {},
-                f"a defect of blurmatte, {type(error).__name__}: {error}; please report it",
-            )
+            why = f"a defect of blurmatte, {type(error).__name__}: {error}; please report it"
+            return b"", {}, why
         return (found, {}, "") if isinstance(found, bytes) else (b"", _plain(found), "")
 
     def _kept(self, key: Any, make: Callable[[], T], size: Callable[[T], int]) -> T:
@@ -105,13 +102,8 @@ class Pictures:
         frames = self._frames(path)
         if frames is not None:
             width, height = frames.size
-            return {
-                "kind": "clip",
-                "width": width,
-                "height": height,
-                "frames": len(frames),
-                "rate": frames.rate,
-            }
+            size = {"kind": "clip", "width": width, "height": height}
+            return {**size, "frames": len(frames), "rate": frames.rate}
         picture = self._picture(path, 0)
         meta = picture.meta
         width, height = picture.size
@@ -150,7 +142,7 @@ class Pictures:
         level, (height, width) = 0, self._whole(shown)[1].shape
         while max(height, width) > side:
             level, height, width = level + 1, (height + 1) // 2, (width + 1) // 2
-        return _png(self._pixels_of(shown, level), part, stops)
+        return _png(self._level(shown, level), part, stops)
 
     def _tile(self, part: _Part, level: int, x: int, y: int) -> Floats:
         """(h, w, 4) float32 pixels of a tile."""
@@ -204,14 +196,8 @@ class Pictures:
             }
         return numbers
 
-    def _pixels_of(self, part: _Part, level: int) -> Floats:
-        """(h, w, 4) float32 pixels of a part at a level."""
-        if level == 0:
-            return _joined(*self._whole(part))
-        return self._level(part, level)
-
     def _level(self, part: _Part, level: int) -> Floats:
-        """(h, w, 4) float32 pixels at a level from 1; each is the mean of 2×2 of the level before."""
+        """(h, w, 4) float32 pixels at a level; each is the mean of 2×2 of the level before."""
 
         def make() -> Floats:
             if level > 1:
@@ -221,6 +207,8 @@ class Pictures:
             strips = ((light[top : top + _STRIP], alpha[top : top + _STRIP]) for top in rows)
             return np.concatenate([_halved(_joined(*strip), part.name) for strip in strips])
 
+        if level == 0:  # as large as the picture, which is kept
+            return _joined(*self._whole(part))
         return self._kept((*part.key, level), make, lambda made: int(made.nbytes))
 
     def _whole(self, part: _Part) -> tuple[Floats, Floats | Bools]:
@@ -259,14 +247,14 @@ class Pictures:
         """A picture, or a frame of a clip by its number."""
         frames = self._frames(path)
         if frames is None:
-            key: tuple[Any, ...] = (*_identity(path), "read")
-            return self._kept(key, lambda: bm.read(path).in_srgb(), _bytes_of)
+            return self._kept(
+                (*_identity(path), "read"), lambda: bm.read(path).in_srgb(), _bytes_of
+            )
         if not 0 <= frame < len(frames):
             raise ValueError(f"there is no frame {frame}; the clip has {len(frames)}")
         clip = _identity(path)
-        return self._kept(
-            (*clip, "read", frame), lambda: self._decoded(frames, clip, frame), _bytes_of
-        )
+        key = *clip, "read", frame
+        return self._kept(key, lambda: self._decoded(frames, clip, frame), _bytes_of)
 
     def _decoded(
         self, frames: bm.Frames[Any], clip: tuple[Any, ...], number: int
@@ -290,12 +278,8 @@ class Pictures:
         return self._kept((*_identity(path), "frames"), lambda: bm.read_frames(path), lambda _: 0)
 
     def _layer(self, path: Path) -> bm.Layer:
-
-        return self._kept(
-            (*_identity(path), "layer"),
-            lambda: bm.read_layer(path),
-            lambda x: 4 * int(x.alpha.nbytes),
-        )
+        key = *_identity(path), "layer"
+        return self._kept(key, lambda: bm.read_layer(path), lambda x: 4 * int(x.alpha.nbytes))
 
     def _layer_if_any(self, path: Path) -> bm.Layer | None:
         """The layer in an EXR; None if it has no alpha, or is another file."""
