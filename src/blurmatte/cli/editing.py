@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextvars import copy_context
 from dataclasses import dataclass
@@ -113,7 +113,7 @@ def edit(
                 bm.write(out, done.after)
             say(str(out))
         else:
-            done, touched = _edit_picture(layer, wanted, own.image, own, reading)
+            done, touched = _edit_picture(Path(layer), wanted, own.image, own, reading)
             _write_in_place(out, own.image, done, touched, reading)
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
 
@@ -135,32 +135,26 @@ def _edit_row(
 
     def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
         """The picture with the changed layer."""
-        behind = _matched(own.plate, own.match, [picture, *filter(None, [plate])])
+        behind = _matched(own, plate, picture)
         return bm.retouch(picture, one, _changed_if_any(one, wanted), behind)
 
     retouch_row(reading, layer, own.image, out, retouched, row)
 
 
 def _edit_picture(
-    layer: str, wanted: Sequence[Change], image: Path, own: OriginalPicture, reading: Reading
+    layer: Path, wanted: Sequence[Change], image: Path, own: OriginalPicture, reading: Reading
 ) -> tuple[_Edit, Any]:
     """The picture with its changed layer, and the mask of its changed pixels."""
-    source = Path(layer)
-    pictures = [image, *filter(None, [_photographed(own.plate)])]
     reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
-    before, read = _read(reading, reader, source, pictures)
-    with about(source):
+    before, picture, scene = _read(reading, reader, layer, image, own.plate)
+    with about(layer):
         after = changed(before, wanted)
-    matched: bm.LinearImage | None
-    if own.plate == GUESSED:
-        with about(source):
-            _, streak = layer_and_streak(source, reading)
-            matched = guess_behind(read[0], streak).plates[0]
-    else:
-        matched = _matched(own.plate, own.match, read)
-    with about(source):
-        result, touched = bm.retouch(read[0], before, after, matched)
-    return _Edit(before, after, read[0], result, matched), touched
+    scene = _matched(own, scene, picture)
+    with about(layer):
+        if own.plate == GUESSED:
+            scene = guess_behind(picture, layer_and_streak(layer, reading)[1]).plates[0]
+        result, touched = bm.retouch(picture, before, after, scene)
+    return _Edit(before, after, picture, result, scene), touched
 
 
 @command(
@@ -198,20 +192,16 @@ def remove(
         retouch_row(reading, layer, image, out, removed, row)
         return
     with waiting("removing"):
-        (before, streak), read = _read(
-            reading,
-            lambda: layer_and_streak(source, reading),
-            source,
-            [image, *filter(None, [_photographed(plate.plate)])],
-        )
-        picture, match = read[0], None
-        if plate.plate == GUESSED:
+        reader = partial(layer_and_streak, source, reading)
+        (before, streak), picture, taken = _read(reading, reader, source, image, plate.plate)
+        match: bm.background.Match | None = None
+        if taken is None:
             with about(source):
                 scene = guess_behind(picture, streak, grow)
         else:
-            scene = read[1]
             with about(plate.plate):
-                match = bm.background.fit_match(picture, scene, matching_of(plate.match))
+                match = bm.background.fit_match(picture, taken, matching_of(plate.match))
+                scene = taken
         with about(source):
             bm.checks.check_same_size("the layer", before.size, "the image", picture.size)
             result, touched = bm.remove(picture, scene, streak, grow, match)
@@ -265,11 +255,6 @@ def compose(
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
 
 
-def _photographed(plate: Path | None) -> Path | None:
-    """The file of a plate; None if there is none, or it is guessed."""
-    return None if plate == GUESSED else plate
-
-
 def _changed_if_any(layer: bm.Layer, wanted: Sequence[Change]) -> bm.Layer:
     """The layer of a row after all changes; an empty one, of a frame without the object, stays so."""
     return layer if layer.empty else changed(layer, wanted)
@@ -296,12 +281,19 @@ def _layer(layer: str, reading: Reading) -> bm.Layer:
 
 
 def _read(
-    reading: Reading, layer: Callable[[], Any], path: Path, pictures: Sequence[Path]
-) -> tuple[Any, list[bm.LinearImage]]:
-    """The layer and pictures, read concurrently, because reading large ones is slow."""
+    reading: Reading, layer: Callable[[], Any], path: Path, image: Path, plate: Path | None
+) -> tuple[Any, bm.LinearImage, bm.LinearImage | None]:
+    """The layer, its picture and the plate, unless that is guessed.
+
+    They are read concurrently, because reading large ones is slow; so are modules imported that are
+    needed later.
+    """
+    pictures = [image] if plate is None or plate == GUESSED else [image, plate]
     with about(path), ThreadPoolExecutor() as pool:
-        for package in _needed(pictures):
-            pool.submit(import_module, package)
+        if format_at(image) is JPEG:
+            pool.submit(import_module, "numba")  # for its blocks
+        if len(pictures) > 1:
+            pool.submit(import_module, "scipy.optimize")  # to match them
         first = pool.submit(copy_context().run, layer)
         others = [
             pool.submit(
@@ -309,25 +301,18 @@ def _read(
             )
             for name in pictures
         ]
-        return first.result(), [other.result() for other in others]
-
-
-def _needed(pictures: Sequence[Path]) -> Iterator[str]:
-    """Import the modules that are needed later while files are read."""
-    if pictures and format_at(pictures[0]) is JPEG:
-        yield "numba"  # for its blocks
-    if len(pictures) > 1:
-        yield "scipy.optimize"  # to match them
+        found, (picture, *scene) = first.result(), (other.result() for other in others)
+        return found, picture, scene[0] if scene else None
 
 
 def _matched(
-    plate: Path | None, match: str, read: Sequence[bm.LinearImage]
+    own: OriginalPicture, scene: bm.LinearImage | None, picture: bm.LinearImage
 ) -> bm.LinearImage | None:
-    """The plate, matched to the image."""
-    if plate is None:
+    """The plate if it was taken, matched to the picture."""
+    if scene is None or own.plate is None:
         return None
-    with about(plate):
-        return bm.match_plate(read[1], read[0], matching_of(match))
+    with about(own.plate):
+        return bm.match_plate(scene, picture, matching_of(own.match))
 
 
 def _write_in_place(out: Path, image: Path, done: _Edit, touched: Any, reading: Reading) -> None:
