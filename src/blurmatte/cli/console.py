@@ -17,7 +17,7 @@ import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -408,29 +408,22 @@ def waiting(doing: str) -> Iterator[None]:
 @contextmanager
 def _doing(doing: str, count: int | None) -> Iterator[_Task | None]:
     """A task, unless nobody looks; within another one a stage of that."""
-    listener, around = _listener.get(), _task.get()
-    if around is not None:
+    if (around := _task.get()) is not None:
         around.stage(doing)
         yield None
-    elif listener is not None:
-        with _current(_Task(listener, doing, count)) as task:
+        return
+    shown: AbstractContextManager[Listener | None] = nullcontext(_listener.get())
+    if _listener.get() is None and sys.stderr.isatty() and not _verbosity.get().quiet:
+        shown = _bar(doing, count)
+    with shown as listener:
+        task = None if listener is None else _Task(listener, doing, count)
+        token = _task.set(task)
+        try:
+            if task is not None:
+                task.report()
             yield task
-    elif sys.stderr.isatty() and not _verbosity.get().quiet:
-        with _bar(doing, count) as bar, _current(_Task(bar, doing, count)) as task:
-            yield task
-    else:
-        yield None
-
-
-@contextmanager
-def _current(task: _Task) -> Iterator[_Task]:
-    """The task in this context."""
-    token = _task.set(task)
-    try:
-        task.report()
-        yield task
-    finally:
-        _task.reset(token)
+        finally:
+            _task.reset(token)
 
 
 @contextmanager
