@@ -20,7 +20,6 @@ import blurmatte as bm
 from blurmatte.cli.console import (
     GENERAL,
     ExitCode,
-    Progress,
     Verbosity,
     complain,
     explain_failure,
@@ -254,11 +253,7 @@ def run_line(
 
     Progress goes to `report`: stage, things done, of how many, seconds left.
     """
-
-    def listener(now: Progress) -> None:
-        report(now.stage, now.done, now.of, now.seconds_left)
-
-    with listening(listener):
+    with listening(lambda now: report(now.stage, now.done, now.of, now.seconds_left)):
         try:
             app(list(words), prog_name="blurmatte")
         except SystemExit as end:
@@ -305,11 +300,8 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
                     warn(line)
                 function(**values)
 
-    run.__name__, run.__doc__, run.__module__ = (
-        function.__name__,
-        function.__doc__,
-        function.__module__,
-    )
+    run.__name__, run.__doc__ = function.__name__, function.__doc__
+    run.__module__ = function.__module__
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 import blurmatte as bm
 from blurmatte.cli.console import about, argument, option
 from blurmatte.cli.output_checks import CLIPS, SHEET, check_file
-from blurmatte.cli.quantities import numbers
+from blurmatte.cli.quantities import check_rate, numbers
 
 if TYPE_CHECKING:
     from blurmatte.checks import Array
@@ -53,14 +52,7 @@ class Changes:
 
     def in_order(self, order: Sequence[str]) -> list[tuple[str, str]]:
         """Names of options and their values, in the order in which the names were typed."""
-        given = {
-            "--fade": self.fade,
-            "--amplify": self.amplify,
-            "--recolor": self.recolor,
-            "--expose": self.expose,
-            "--gain": self.gain,
-        }
-        values = {name: iter(texts or ()) for name, texts in given.items()}
+        values = {f"--{name}": iter(texts or ()) for name, texts in vars(self).items()}
         return [(name, next(values[name])) for name in order if name in values]
 
 
@@ -86,8 +78,7 @@ class RowOptions:
     first: Annotated[int | None, option("N", "First number; else those read.", ROW)] = None
 
     def __post_init__(self) -> None:
-        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
-            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+        check_rate(self.rate)
 
     def start(self, row: bm.Frames[Any]) -> int | Sequence[int]:
         """The first number of the files, or the numbers of all, those of the frames read."""
@@ -135,6 +126,8 @@ class Background:
 
     def under(self, layer: bm.Layer) -> tuple[bm.Layer, bm.LinearImage]:
         """The layer as it goes over the picture, and the picture, now of one size."""
+        from blurmatte.layer import empty_layer  # not for --help
+
         picture, placement = self.picture, self.placement
         with about(self.path):
             if self.gain is not None:
@@ -143,7 +136,10 @@ class Background:
                 picture = bm.compositing.cover(picture, layer.size)
             elif placement.center is not None or placement.scale is not None:
                 scale = 1.0 if placement.scale is None else placement.scale
-                layer = _placed(layer, picture.size, placement.center, scale)
+                if layer.empty:  # of a frame without the object
+                    layer = empty_layer(picture.size)
+                else:
+                    layer = layer.place(picture.size, placement.center, scale)
             if picture.size != layer.size:
                 raise ValueError(
                     "add --fit cover to scale and crop the picture, or --place X,Y to put the object "
@@ -152,18 +148,6 @@ class Background:
                     )
                 )
         return layer, picture
-
-
-def _placed(
-    layer: bm.Layer,
-    size: tuple[int, int],
-    center: tuple[float, float] | None,
-    scale: float,
-) -> bm.Layer:
-    """The layer at its place in a picture; an empty one, of a frame without the object, is empty."""
-    from blurmatte.layer import empty_layer
-
-    return empty_layer(size) if layer.empty else layer.place(size, center, scale)
 
 
 def changed(layer: bm.Layer, changes: Sequence[Change]) -> bm.Layer:

@@ -26,6 +26,7 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.output_checks import check_folder
+from blurmatte.cli.quantities import check_count
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
     GUESSED,
@@ -97,8 +98,7 @@ class ClipOptions(FrameSelection):
             raise ValueError(f"--layers must be {', '.join(_LAYERS)}, got {self.layers!r}")
         if self.table not in (None, "csv", "parquet"):
             raise ValueError(f"--table must be csv or parquet, got {self.table!r}")
-        if self.workers is not None and self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        check_count("--workers", self.workers)
         if self.workers is not None and self.scheduler is not None:
             raise ValueError("give --workers or --scheduler; a cluster has its own workers")
 

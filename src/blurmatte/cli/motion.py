@@ -27,13 +27,11 @@ from blurmatte.cli.quantities import (
     time_of_line,
 )
 from blurmatte.cli.selection import (
-    GUESSED,
     CameraReading,
     KnownOpacity,
     Layer,
     Reading,
     Region,
-    guess_behind,
     opacity_of,
 )
 
@@ -220,11 +218,8 @@ def locate(
                 found.append(bm.motion.measure_ball(_sweep(solution, "--camera"), *known))
             else:
                 picture = reading.read(image)
-                if plate == GUESSED:
-                    matched = guess_behind(picture, solution.streak).plates[0]
-                else:
-                    matched = bm.match_plate(reading.read(plate), picture)
-                found.append(bm.motion.fit_ball(picture, matched, *known, solution.sweep))
+                scene = reading.behind(picture, plate, "auto", lambda: solution.streak)
+                found.append(bm.motion.fit_ball(picture, scene, *known, solution.sweep))
         if lens is not None and speed is not None:
             if time is None:
                 raise ValueError(

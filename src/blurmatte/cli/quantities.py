@@ -51,6 +51,18 @@ def numbers(name: str, text: str, *forms: str) -> list[float]:
     return [float(part) for part in parts]
 
 
+def check_count(name: str, count: int | None) -> None:
+    """Raise ValueError for a number of things below 1."""
+    if count is not None and count < 1:
+        raise ValueError(f"{name} must be at least 1, got {count}")
+
+
+def check_rate(rate: float | None) -> None:
+    """Raise ValueError for a --rate that is none."""
+    if rate is not None and not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"--rate must be frames per second, above 0, got {rate:g}")
+
+
 def is_box(text: str) -> bool:
     """Whether this is x0,y0,x1,y1 in whole pixels."""
     return re.fullmatch(r"(\s*-?\d+\s*,){3}\s*-?\d+\s*", text) is not None

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import math
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import blurmatte as bm
 from blurmatte.cli.console import GENERAL, about, argument, option, output
-from blurmatte.cli.quantities import box, frame_range, is_box, numbers
+from blurmatte.cli.quantities import box, check_rate, frame_range, is_box, numbers
 from blurmatte.cli.rows import ROWS
 from blurmatte.formats import EXR, MAX_PIXELS, format_at, named
 
@@ -77,6 +77,16 @@ class Reading:
             said += notes
         return picture
 
+    def behind(
+        self, image: bm.LinearImage, plate: Path, match: str, streak: Callable[[], Any]
+    ) -> bm.LinearImage:
+        """The scene behind an object: the plate, matched to the image, or a guess behind the streak."""
+        if plate == GUESSED:
+            return guess_behind(image, streak()).plates[0]
+        scene = self.read(plate)
+        with about(plate):
+            return bm.match_plate(scene, image, matching_of(match))
+
     def frames(self, clip: list[str], chosen: str | None) -> bm.Frames[bm.LinearImage]:
         """The chosen frames of a clip, or of a row of pictures."""
         source = clip[0] if len(clip) == 1 else clip
@@ -121,8 +131,7 @@ class FrameSelection:
     rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None
 
     def __post_init__(self) -> None:
-        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
-            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+        check_rate(self.rate)
         frame_range("--frames", self.frames)
 
 

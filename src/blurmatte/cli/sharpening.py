@@ -20,7 +20,7 @@ from blurmatte.cli.output_checks import (
     check_file,
 )
 from blurmatte.cli.rows import ROWS, expanded
-from blurmatte.cli.selection import GUESSED, Out, Reading, guess_behind, matching_of
+from blurmatte.cli.selection import GUESSED, Out, Reading, matching_of
 
 PICTURES = "Its pictures"
 _OVER_PLATE = tuple(name for name in CLIPS if name not in CLIPS_OF_LAYERS)  # have no alpha
@@ -115,17 +115,16 @@ def _read(
     """Image and plate, matched, where they are given."""
     if pictures.plate is None:
         return None, None
-    if pictures.image is not None and pictures.plate == GUESSED:
-        image = reading.read(pictures.image)
-        with about(layer):
-            streak = bm.read_solution(layer, reading.max_pixels).streak
-            return image, guess_behind(image, streak).plates[0]
-    plate = reading.read(pictures.plate)
     if pictures.image is None:
-        return None, plate
+        return None, reading.read(pictures.plate)
     image = reading.read(pictures.image)
-    with about(pictures.plate):
-        return image, bm.match_plate(plate, image, matching_of(pictures.match))
+    with about(layer):
+        return image, reading.behind(
+            image,
+            pictures.plate,
+            pictures.match,
+            lambda: bm.read_solution(layer, reading.max_pixels).streak,
+        )
 
 
 def _sharpened(
@@ -143,10 +142,10 @@ def _sharpened(
             if image is None or plate is None or solution.sweep is None:
                 sharp = bm.deblurring.deblur_solution(solution)  # refuses if there is no path
             else:
-                found: bm.deblurring.Spin | Literal["auto"] | None = (
-                    "auto" if spin == "auto" else None
-                )
-                if spin == "measure":
+                found: bm.deblurring.Spin | Literal["auto"] | None = None
+                if spin == "auto":
+                    found = "auto"
+                elif spin == "measure":
                     found = bm.deblurring.fit_spin(image, plate, solution.sweep)
                 sharp = bm.deblur(image, plate, solution.sweep, spin=found)
         if sheet is not None:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-import math
 import shlex
 import sys
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -38,6 +38,7 @@ from blurmatte.cli.picture_solving import (
     naming_streaks,
     solved,
 )
+from blurmatte.cli.quantities import number
 from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
@@ -129,13 +130,9 @@ def solve(
         plates = [reading.read(one, notes) for one in plate.files]
         method = _shaded(reading, solver, colors, plates) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
-    settings = {
-        "selection": repr(selection),
-        "match": plate.match,
-        "solver": f"{solver} {how.seconds} {how.opacity}",
-    }
+    settings = {"selection": repr(selection), "match": plate.match}
+    row = replace(row, settings={**settings, "solver": f"{solver} {how.seconds} {how.opacity}"})
     matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
-    row = replace(row, settings=settings)
     task = PictureOptions(reading, plates, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
@@ -166,11 +163,9 @@ class _OneOfRow:
         from blurmatte.cli.picture_rows import refusal, solved_picture
 
         try:
-            if verbosity() == self.verbosity:  # this process: its progress is shown
+            here = verbosity() == self.verbosity  # this process: its progress is shown
+            with nullcontext() if here else printing(self.verbosity):
                 lines, solution = _solve_one(self.task, path, folder)
-            else:
-                with printing(self.verbosity):
-                    lines, solution = _solve_one(self.task, path, folder)
         except bm.BlurmatteError as error:
             return refusal(path, error)
         return solved_picture(path, folder, solution, lines)
@@ -183,7 +178,9 @@ def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str
 
     with about(path) as said:
         C, matched, match, solution = solved(task, path, said)
-        regions = _parallax(C, matched, match, solution)
+        regions: list[bm.background.ParallaxRegion] = []
+        if match.moves:
+            regions = bm.background.parallax_between(C, matched, solution.streak)
         for sentence in parallax_in_words(regions):
             said.append(f"{path}: {sentence.rstrip('.')}")
             warn(said[-1])
@@ -193,16 +190,6 @@ def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str
         bm.results.save_parallax(folder, C, regions)
     *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, match, folder)]
     return [*lines, *usable_all_the_same(C, matched, solution), sheet], solution
-
-
-def _parallax(
-    image: bm.LinearImage,
-    plate: bm.LinearImage,
-    match: bm.background.Match,
-    solution: bm.Solution,
-) -> list[bm.background.ParallaxRegion]:
-    """Where the plate of a camera that moved is shifted against an image, but for the streak."""
-    return bm.background.parallax_between(image, plate, solution.streak) if match.moves else []
 
 
 @command(
@@ -300,13 +287,10 @@ def _clip_solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:
 
 
 def _smoothness(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f"--solver smooth:F must have a number F above 0, got {text!r}")
-    return value
+    with suppress(ValueError):
+        if (value := number(text)) > 0:
+            return value
+    raise ValueError(f"--solver smooth:F must have a number F above 0, got {text!r}")
 
 
 _SHADED = (

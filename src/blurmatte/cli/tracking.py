@@ -8,12 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import (
-    about,
-    flag,
-    option,
-    output,
-)
+from blurmatte.cli.console import about, flag, option, output
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import (
     SIZE,
@@ -21,6 +16,7 @@ from blurmatte.cli.quantities import (
     ScaleOptions,
     acceleration,
     check_camera,
+    check_count,
     direction,
     time_of_exposure,
     time_of_line,
@@ -52,8 +48,7 @@ class ObjectOptions:
     def __post_init__(self) -> None:
         if self.least is not None and not self.several:
             raise ValueError("--least needs --several: it is for several objects")
-        if self.least is not None and self.least < 1:
-            raise ValueError(f"--least must be at least 1, got {self.least}")
+        check_count("--least", self.least)
 
 
 @dataclass(frozen=True)
@@ -63,8 +58,7 @@ class ProcessOptions:
     workers: Annotated[int | None, option("N", "Processes; one for each core.", RUN)] = None
 
     def __post_init__(self) -> None:
-        if self.workers is not None and self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        check_count("--workers", self.workers)
 
 
 @dataclass(frozen=True)
