@@ -134,12 +134,12 @@ def meters(name: str, text: str) -> tuple[float, float]:
 
 def length(name: str, text: str) -> tuple[float, float]:
     """A length, which is above 0, and its error, meters."""
-    return _above_zero(name, text, _with_error(name, text, "length", _LENGTH))
+    return _with_error(name, text, "length", _LENGTH, above_zero=True)
 
 
 def time_of_exposure(name: str, text: str) -> tuple[float, float]:
     """A time that is above 0, and its error, seconds."""
-    return _above_zero(name, text, _with_error(name, text, "time", _TIME))
+    return _with_error(name, text, "time", _TIME, above_zero=True)
 
 
 def time_of_line(name: str, text: str) -> float:
@@ -164,7 +164,7 @@ def direction(name: str, text: str | None) -> Direction | None:
 def meters_per_second(name: str, text: str) -> tuple[float, float]:
     """A speed and its error, m/s."""
     what = "a speed with its unit, like 12m/s, 43km/h or 12m/s±0.2m/s"
-    return _above_zero(name, text, _with_error(name, text, "speed", what))
+    return _with_error(name, text, "speed", what, above_zero=True)
 
 
 def acceleration(name: str, text: str) -> tuple[list[float], float]:
@@ -177,7 +177,7 @@ def acceleration(name: str, text: str) -> tuple[list[float], float]:
 
 
 def _with_error(
-    name: str, text: str, kind: str, what: str, bare: bool = False
+    name: str, text: str, kind: str, what: str, bare: bool = False, above_zero: bool = False
 ) -> tuple[float, float]:
     """Value and error, each a number or fraction with a unit.
 
@@ -200,13 +200,9 @@ def _with_error(
         raise ValueError(f"{name} must be {what}, got {text!r}")
     if len(values) == 2 and values[1] < 0:
         raise ValueError(f"{name} must have an error of 0 or more, got {text!r}")
-    return values[0], values[1] if len(values) == 2 else 0.0
-
-
-def _above_zero(name: str, text: str, value: tuple[float, float]) -> tuple[float, float]:
-    if not value[0] > 0:
+    if above_zero and not values[0] > 0:
         raise ValueError(f"{name} must be above 0, got {text!r}")
-    return value
+    return values[0], values[1] if len(values) == 2 else 0.0
 
 
 @dataclass(frozen=True)

@@ -217,16 +217,12 @@ def _refusal(why: str, status: int = 400) -> Response:
     return _Json({"error": why}, status)
 
 
-async def _on_refusal(_: Request, error: Exception) -> Response:
-    return _refusal(str(error))
-
-
-async def _on_http(_: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    return _Json({"error": str(error.detail)}, error.status_code, error.headers)
-
-
-async def _on_defect(_: Request, error: Exception) -> Response:
+async def _on_error(_: Request, error: Exception) -> Response:
+    """What was refused or is not there, and why; anything else is a defect."""
+    if isinstance(error, RefusedError):
+        return _refusal(str(error))
+    if isinstance(error, HTTPException):
+        return _Json({"error": str(error.detail)}, error.status_code, error.headers)
     why = f"a defect of blurmatte, {type(error).__name__}: {error}; please report it"
     return _refusal(why, 500)
 
@@ -258,11 +254,7 @@ class Requests:
         ]
         self.app = Starlette(
             routes=[Route(path, handler, methods=[method]) for method, path, handler in routes],
-            exception_handlers={
-                RefusedError: _on_refusal,
-                HTTPException: _on_http,
-                Exception: _on_defect,
-            },
+            exception_handlers=dict.fromkeys((RefusedError, HTTPException, Exception), _on_error),
         )
 
     async def _index(self, _: Request) -> Response:
@@ -292,9 +284,8 @@ class Requests:
         length = request.headers.get("content-length")
         name, pieces = request.query_params.get("name", ""), _pieces(request)
         try:
-            held = await self._session.receive(
-                name, pieces, None if length is None else int(length)
-            )
+            size = None if length is None else int(length)
+            held = await self._session.receive(name, pieces, size)
         except RefusedError:
             with contextlib.suppress(RefusedError, TimeoutError):
                 async with asyncio.timeout(_SECONDS_TO_DRAIN):
@@ -356,7 +347,9 @@ class Requests:
             raise HTTPException(404, f"there is no question {question}")
         kinds = _QUESTIONS[question]
         path = self._source(given)
-        values = {name: _value(given.get(name), kind, name) for name, kind in kinds.items()}
+        if missing := next((name for name in kinds if name not in given), ""):
+            raise RefusedError(f"{missing} is missing")
+        values = {name: _number(given[name], kind) for name, kind in kinds.items()}
         if question == "tile" and any(f"basis_{name}" in given for name in ("file", "job")):
             values["basis"] = self._source(given, "basis_")
         asking = asyncio.ensure_future(self._session.ask(question, path=path, **values))
@@ -394,12 +387,6 @@ _QUESTIONS: dict[str, dict[str, type]] = {
     "preview": {"part": str, "frame": int, "side": int, "stops": float},
     "pixels": {"frame": int, "x": int, "y": int, "radius": int},
 }
-
-
-def _value(text: str | None, kind: type, name: str) -> Any:
-    if text is None:
-        raise RefusedError(f"{name} is missing")
-    return _number(text, kind)
 
 
 def _number(text: str | None, kind: type) -> Any:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from blurmatte.interrupts import catch_interrupts, interrupted
 from blurmatte.ui.helper import end_group
@@ -120,17 +120,13 @@ def _listen(pipe: Connection, lines: queue.SimpleQueue[Line]) -> None:
 
 def _warm_up(program: Program, folder: Path, lines: queue.SimpleQueue[Line]) -> None:
     """Solve a small scene, unseen, unless there is something to do."""
-
-    def unseen(*_: Any) -> None:
-        pass
-
     warming = Path(mkdtemp(dir=folder.parent))
     os.chdir(warming)
     Path("scene.toml").write_text(_SCENE, encoding="utf-8")
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), suppress(Exception):
         for words in _WARM_UP:
             if lines.empty():
-                program(words, unseen)
+                program(words, lambda *_: None)
     os.chdir(folder)
     shutil.rmtree(warming, ignore_errors=True)
 
