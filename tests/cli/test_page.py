@@ -13,7 +13,7 @@ from tests.scenes import rendered
 import blurmatte as bm
 from blurmatte.cli.app import run_line
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
-from blurmatte.ui.session import Session, State
+from blurmatte.ui.session import JobState, Session
 
 BLOCKED = """
 import sys
@@ -102,7 +102,7 @@ def test_files_of_a_job_have_the_bytes_of_the_line_that_is_shown(tmp_path):
         words = ["solve", files[0], "--plate", files[1], "-o", {"out": ""}, "--json"]
         job = session.add(words, "solve")
         await ended(job)
-        assert (job.state, job.answer["grade"]) == (State.DONE, "confirmed")
+        assert (job.state, job.answer["grade"]) == (JobState.DONE, "confirmed")
         in_terminal(job.status["line"], tmp_path)
         for name in job.files:
             written = (tmp_path / "1" / name).read_bytes()
@@ -144,7 +144,7 @@ def test_a_clip_that_is_cancelled_and_resumed_has_the_bytes_of_one_that_was_not(
         await ended(job)
         whole = session.add(line, "whole")
         await ended(whole)
-        assert (job.state, whole.state) == (State.DONE, State.DONE)
+        assert (job.state, whole.state) == (JobState.DONE, JobState.DONE)
         assert job.files == whole.files
         for name in job.files:
             if name not in ("report.json", "manifest.jsonl"):  # which hold the times they took

@@ -22,7 +22,7 @@ import blurmatte.ui.server
 import blurmatte.ui.session
 from blurmatte.ui.private_folder import delete_left_folders
 from blurmatte.ui.server import Requests, _Guard, serve
-from blurmatte.ui.session import Session, State
+from blurmatte.ui.session import JobState, Session
 
 ROOT = Path(__file__).parents[2]
 HOST, KEY = "127.0.0.1:8123", "the-key"
@@ -334,7 +334,7 @@ def test_results_come_as_one_archive(page):
         (job.folder / name).write_bytes(os.urandom(size))
     os.utime(job.folder / "a.exr", (0, 0))  # before the times of ZIP begin
     assert page.ask("GET", "/api/jobs/1/results.zip")[0] == 200
-    job.end(State.DONE)
+    job.end(JobState.DONE)
     _, headers, body = page.ask("GET", "/api/jobs/1/results.zip")
     assert headers["content-disposition"] == 'attachment; filename="a ball _.zip"'
     with zipfile.ZipFile(io.BytesIO(body)) as archive:
@@ -345,7 +345,7 @@ def test_results_come_as_one_archive(page):
 def test_a_result_that_was_deleted_is_not_found(page):
     job = page.session.add(["solve", {"out": "a"}], "")
     (job.folder / "a").write_text("x")
-    job.end(State.DONE)
+    job.end(JobState.DONE)
     (job.folder / "a").unlink()
     assert page.ask("GET", "/api/jobs/1/results/a")[0] == 400
     assert page.ask("GET", "/api/jobs/1/results.zip")[0] == 400

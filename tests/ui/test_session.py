@@ -10,7 +10,7 @@ import pytest
 from tests.ui.programs import dying, is_alive, program, wait_for
 
 import blurmatte.ui.session
-from blurmatte.ui.session import FREE_BYTES, RefusedError, Session, State, kind_of
+from blurmatte.ui.session import FREE_BYTES, JobState, RefusedError, Session, kind_of
 from blurmatte.ui.worker import INTERRUPT, READY, Ended, Line, Step
 
 DEVICES = ["CON", "nul.png", "COM1.txt", "lpt9", "aux.tar.gz"]
@@ -273,7 +273,7 @@ def test_links_and_hidden_files_are_no_results(tmp_path):
         (job.folder / "links").symlink_to(tmp_path / "secret")
         assert job.files == ["a.png", "b/c.png"]
         assert session.source(None, 1, "b/c.png").read_text() == "x"
-        job.end(State.DONE)
+        job.end(JobState.DONE)
         (job.folder / "a.png").unlink()
         (job.folder / "a.png").symlink_to(tmp_path / "secret" / "key")  # after it was listed
         for name in ("a.png", "link", "links/key", ".part", "../files", ""):
@@ -288,26 +288,30 @@ def test_a_job_that_ends_while_it_is_cancelled_is_cancelled_and_the_next_gets_a_
         worker = stubs[1]
         worker.hear(READY)
         first, second = session.add(["solve", "a"], ""), session.add(["solve", "b"], "")
-        assert (first.state, second.state) == (State.RUNNING, State.WAITING)
+        assert (first.state, second.state) == (JobState.RUNNING, JobState.WAITING)
         worker.ending = asyncio.Event()
         cancelling = asyncio.create_task(session.cancel(first))
         await asyncio.sleep(0)
         worker.hear(Step(1, "late", 1, 2, None))
         worker.hear(Ended(1, 0, "{}"))
         worker.hear(None)
-        assert (first.state, first.step, session.worker_state) == (State.CANCELLED, None, "ending")
-        assert second.state is State.WAITING
+        assert (first.state, first.step, session.worker_state) == (
+            JobState.CANCELLED,
+            None,
+            "ending",
+        )
+        assert second.state is JobState.WAITING
         await session.cancel(first)  # again: nothing more
         session.resume(first)
         worker.ending.set()
         await cancelling
         assert worker.ended == [INTERRUPT]
         assert len(stubs) == 3
-        assert (first.state, second.state) == (State.RUNNING, State.WAITING)  # in their order
+        assert (first.state, second.state) == (JobState.RUNNING, JobState.WAITING)  # in their order
         stubs[2].hear(READY)
         assert [line.job for line in stubs[2].sent] == [1]
         stubs[2].hear(Ended(1, 0, "{}"))
-        assert (first.state, first.code, second.state) == (State.DONE, 0, State.RUNNING)
+        assert (first.state, first.code, second.state) == (JobState.DONE, 0, JobState.RUNNING)
 
     during(test)
 
@@ -321,7 +325,7 @@ def test_a_job_runs_and_is_cancelled_while_the_worker_gets_ready(stubs):
         await session.cancel(waits)
         await session.cancel(job)
         stubs[2].hear(READY)
-        assert (job.state, waits.state) == (State.CANCELLED, State.CANCELLED)
+        assert (job.state, waits.state) == (JobState.CANCELLED, JobState.CANCELLED)
         assert stubs[2].sent == []
         assert session.worker_state == "ready"
 
@@ -332,7 +336,7 @@ def test_a_worker_that_dies_while_it_gets_ready_is_not_started_in_a_loop(stubs):
     async def test(session):
         first, second = session.add(["solve", "a"], ""), session.add(["solve", "b"], "")
         stubs[1].hear(None)
-        assert (first.state, second.state) == (State.FAILED, State.FAILED)
+        assert (first.state, second.state) == (JobState.FAILED, JobState.FAILED)
         assert first.said == ["blurmatte: the process died, perhaps for want of memory; try again"]
         assert (len(stubs), session.worker_state) == (2, "off")
         stubs[0].hear(None)  # the viewer, too
@@ -341,7 +345,7 @@ def test_a_worker_that_dies_while_it_gets_ready_is_not_started_in_a_loop(stubs):
         assert (len(stubs), session.worker_state) == (3, "off")
         asking.cancel()
         session.resume(first)
-        assert (len(stubs), session.worker_state, first.state) == (4, "starting", State.RUNNING)
+        assert (len(stubs), session.worker_state, first.state) == (4, "starting", JobState.RUNNING)
 
     during(test)
 
@@ -351,7 +355,7 @@ def test_a_worker_that_dies_with_a_job_is_replaced_and_the_next_job_runs(stubs):
         stubs[1].hear(READY)
         first, second = session.add(["solve", "a"], ""), session.add(["solve", "b"], "")
         stubs[1].hear(None)
-        assert (first.state, second.state) == (State.FAILED, State.RUNNING)
+        assert (first.state, second.state) == (JobState.FAILED, JobState.RUNNING)
         assert stubs[1].ended == ["killed"]  # with what it had started
         assert [line.job for line in stubs[2].sent] == [2]
 
@@ -442,13 +446,13 @@ def test_a_job_from_its_line_to_its_answer_and_a_cancelled_one_with_all_its_proc
         job = session.add(["solve", "write", {"out": "layer.exr"}], "")
         await ended(session, job)
         assert (job.state, job.files, job.answer) == (
-            State.DONE,
+            JobState.DONE,
             ["layer.exr"],
             {"grade": "confirmed"},
         )
         bad = session.add(["solve", "refuse", "a.png"], "")
         await ended(session, bad)
-        assert (bad.state, bad.said) == (State.REFUSED, ["blurmatte: a.png: is no picture"])
+        assert (bad.state, bad.said) == (JobState.REFUSED, ["blurmatte: a.png: is no picture"])
         slow = session.add(["solve", "sleep"], "")
         while slow.step is None or not slow.step.stage[0].isdigit():
             await asyncio.sleep(0.02)
@@ -460,7 +464,7 @@ def test_a_job_from_its_line_to_its_answer_and_a_cancelled_one_with_all_its_proc
         wait_for(lambda: not any(map(is_alive, pids)), 1)
         dies = session.add(["solve", "die"], "")
         await ended(session, dies)
-        assert dies.state is State.FAILED
+        assert dies.state is JobState.FAILED
         session.pids = [session._worker.pid, session._viewer.pid]
 
     session = during(test)
@@ -478,4 +482,4 @@ def test_a_program_that_cannot_start_ends_in_a_failed_job():
                 await asyncio.sleep(0.02)
             return job.state
 
-    assert asyncio.run(asyncio.wait_for(run(), 20)) is State.FAILED
+    assert asyncio.run(asyncio.wait_for(run(), 20)) is JobState.FAILED

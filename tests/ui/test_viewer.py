@@ -14,7 +14,7 @@ import blurmatte as bm
 from blurmatte.background.guess import guess_behind
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.ui.helper import _alone
-from blurmatte.ui.pictures import TILE, Pictures, _halved
+from blurmatte.ui.pictures import TILE, ShownPictures, _halved
 from blurmatte.ui.viewer import Question, look
 
 RNG = np.random.default_rng(5)
@@ -38,7 +38,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture
 def viewer():
-    return Pictures()
+    return ShownPictures()
 
 
 def tile(viewer, path, part="picture", frame=0, level=0, x=0, y=0):
@@ -203,7 +203,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(folder, viewer, name, value
 
 
 def test_memory_is_bounded(folder, viewer, monkeypatch):
-    monkeypatch.setattr(sys.modules[Pictures.__module__], "_CACHE_BYTES", 3 * 48 * 64 * 12)
+    monkeypatch.setattr(sys.modules[ShownPictures.__module__], "_CACHE_BYTES", 3 * 48 * 64 * 12)
     for number in range(10):
         viewer._picture(folder / "clip.mp4", number)
     assert sum(size for _, size in viewer._cache.values()) <= 3 * 48 * 64 * 12

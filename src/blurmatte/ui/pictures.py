@@ -60,7 +60,7 @@ class _Played:
     frames: Iterator[Any]
 
 
-class Pictures:
+class ShownPictures:
     """Pictures in memory, and what is asked of them."""
 
     def __init__(self) -> None:

@@ -21,7 +21,7 @@ from typing import Any, NoReturn
 from blurmatte.formats import Holds, format_at
 from blurmatte.ui.helper import Helper
 from blurmatte.ui.private_folder import PrivateFolder, delete_left_folders
-from blurmatte.ui.viewer import Answer, Question, look
+from blurmatte.ui.viewer import Looked, Question, look
 from blurmatte.ui.worker import INTERRUPT, READY, Ended, Line, Program, Said, Step, work
 
 MAX_UPLOAD_BYTES = 20 << 30  # of one dropped file
@@ -63,7 +63,7 @@ class Held:
         return {"number": self.number, "name": self.path.name, "bytes": size, "kind": self.kind}
 
 
-class State(StrEnum):
+class JobState(StrEnum):
     """Of a job."""
 
     WAITING = "waiting"
@@ -83,7 +83,7 @@ class Job:
     shown: tuple[str, ...]
     folder: Path  # of its results
     title: str
-    state: State = State.WAITING
+    state: JobState = JobState.WAITING
     step: Step | None = None
     stepped: float = 0.0  # when, as the times below on the monotonic clock
     said: list[str] = field(default_factory=list)
@@ -96,7 +96,7 @@ class Job:
     @property
     def ended(self) -> bool:
         """Whether it neither waits nor runs."""
-        return self.state not in (State.WAITING, State.RUNNING)
+        return self.state not in (JobState.WAITING, JobState.RUNNING)
 
     @property
     def files(self) -> list[str]:
@@ -116,7 +116,7 @@ class Job:
     def status(self) -> dict[str, Any]:
         """As the page gets it, without its answer."""
         step, seconds, left = self.step, self.took, None
-        if self.state is State.RUNNING and self.started is not None:
+        if self.state is JobState.RUNNING and self.started is not None:
             seconds = time.monotonic() - self.started
         if step is not None and step.seconds_left is not None:
             left = max(step.seconds_left - (time.monotonic() - self.stepped), 0.0)
@@ -142,14 +142,14 @@ class Job:
         elif len(self.said) == _MAX_SAID:
             self.said.append("blurmatte: more lines are not shown")
 
-    def end(self, state: State) -> None:
+    def end(self, state: JobState) -> None:
         """Nothing more comes of it, for now."""
         self.state, self.step, self.listed = state, None, results_in(self.folder)
         self.took = None if self.started is None else time.monotonic() - self.started
 
     def again(self) -> None:
         """Wait as a new one does."""
-        self.state, self.said, self.printed, self.listed = State.WAITING, [], "", []
+        self.state, self.said, self.printed, self.listed = JobState.WAITING, [], "", []
         self.step = self.code = self.started = self.took = None
 
 
@@ -187,7 +187,7 @@ class Session:
         self.worker_state = "off"
         self._running: Job | None = None
         self._restart: asyncio.Task[None] | None = None
-        self._asked: dict[int, asyncio.Future[Answer]] = {}
+        self._asked: dict[int, asyncio.Future[Looked]] = {}
         self._questions = 0
         self._changed = asyncio.Event()
         self._revision = 0
@@ -381,12 +381,12 @@ class Session:
 
     async def cancel(self, job: Job) -> None:
         """End a job; what a killed command leaves is left."""
-        if job.state is State.WAITING:
-            job.end(State.CANCELLED)
+        if job.state is JobState.WAITING:
+            job.end(JobState.CANCELLED)
             self._announce()
-        elif job.state is State.RUNNING:
+        elif job.state is JobState.RUNNING:
             self._deafen_worker("ending")  # also to the end of the job, if that comes now
-            job.end(State.CANCELLED)
+            job.end(JobState.CANCELLED)
             self._announce()
             self._restart = asyncio.create_task(self._restarted(job))
             await asyncio.shield(self._restart)
@@ -401,7 +401,7 @@ class Session:
     def _next(self) -> None:
         """Run the first job that waits, if the worker is free."""
         self._announce()
-        waiting = next((j for j in self.jobs.values() if j.state is State.WAITING), None)
+        waiting = next((j for j in self.jobs.values() if j.state is JobState.WAITING), None)
         if waiting is None or self._running is not None or self._is_ending:
             return
         if self.worker_state == "off":
@@ -409,7 +409,7 @@ class Session:
         if self.worker_state == "ending":
             return
         assert self._worker is not None
-        self._running, waiting.state, waiting.started = waiting, State.RUNNING, time.monotonic()
+        self._running, waiting.state, waiting.started = waiting, JobState.RUNNING, time.monotonic()
         if self.worker_state == "starting":
             waiting.step = Step(waiting.number, "getting ready", 0, None, None)
         renamed = {a: b for a, b in zip(waiting.words, waiting.shown, strict=True) if a != b}
@@ -432,7 +432,7 @@ class Session:
             case Ended(job=number, code=code, printed=printed):
                 job, self._running = self.jobs[number], None
                 job.code, job.printed = code, printed
-                job.end(_STATES.get(code, State.FAILED))
+                job.end(_STATES.get(code, JobState.FAILED))
                 self._next()
 
     # Processes
@@ -465,10 +465,10 @@ class Session:
         self._deafen_worker("off")
         if worker is not None:
             worker.kill()  # what it had started
-        lost = [one for one in self.jobs.values() if one.state is State.WAITING]
+        lost = [one for one in self.jobs.values() if one.state is JobState.WAITING]
         for one in [*([] if job is None else [job]), *(lost if was == "starting" else [])]:
             one.say(_DIED)
-            one.end(State.FAILED)
+            one.end(JobState.FAILED)
         if was == "ready":
             self._start_worker()
         self._next()
@@ -483,7 +483,7 @@ class Session:
             self._start_worker()
             self._next()
 
-    async def ask(self, question: str, **values: Any) -> Answer:
+    async def ask(self, question: str, **values: Any) -> Looked:
         """Ask the viewer; RefusedError if it cannot answer."""
         if self._viewer is None and not self._is_ending:
             self._viewer = Helper(look, self._hear_viewer, self._private)
@@ -491,7 +491,7 @@ class Session:
             raise RefusedError("the page is closed; start blurmatte ui again")
         self._questions += 1
         number = self._questions
-        future: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[Looked] = asyncio.get_running_loop().create_future()
         self._asked[number] = future
         viewer = self._viewer
         viewer.send(Question(number, question, values))
@@ -514,7 +514,7 @@ class Session:
             died = "the viewer died, perhaps for want of memory; try again"
             for number, future in self._asked.items():
                 if not future.done():
-                    future.set_result(Answer(number, refusal=died))
+                    future.set_result(Looked(number, refusal=died))
             return
         asked = self._asked.get(message.number)
         if asked is not None and not asked.done():
@@ -558,7 +558,11 @@ class Session:
         self._announce()
 
 
-_STATES = {0: State.DONE, 3: State.DONE, 2: State.REFUSED}  # of exit codes; others are failures
+_STATES = {
+    0: JobState.DONE,
+    3: JobState.DONE,
+    2: JobState.REFUSED,
+}  # of exit codes; others are failures
 
 
 def results_in(folder: Path) -> list[str]:

@@ -28,7 +28,7 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Answer:
+class Looked:
     """An answer: bytes, or numbers, or why there is none."""
 
     number: int
@@ -39,9 +39,9 @@ class Answer:
 
 def look(pipe: Connection, private: Path) -> None:
     """Answer questions until the server ends, and then delete its private folder."""
-    from blurmatte.ui.pictures import Pictures  # imports all of the library
+    from blurmatte.ui.pictures import ShownPictures  # imports all of the library
 
-    pictures = Pictures()
+    pictures = ShownPictures()
     waiting: deque[Question] = deque()
     while True:
         while not waiting or wait([pipe], 0):
@@ -56,4 +56,4 @@ def look(pipe: Connection, private: Path) -> None:
             else:
                 waiting = deque(one for one in waiting if one.number != message)
         asked = waiting.popleft()
-        pipe.send(Answer(asked.number, *pictures.answer(asked.name, asked.values)))
+        pipe.send(Looked(asked.number, *pictures.answer(asked.name, asked.values)))
