@@ -121,7 +121,7 @@ def _overlapping(differ: Bools, holes: Bools) -> Bools:
     parts, count = scipy.ndimage.label(scipy.ndimage.maximum_filter(moved, around))
     index = np.arange(count + 1)
     area, unknown = (scipy.ndimage.sum_labels(mask, parts, index) for mask in (moved, holes))
-    overlap = moved & (unknown > _MIN_HOLES * area)[parts]
+    overlap = np.asarray(moved & (unknown > _MIN_HOLES * area)[parts])
     if not overlap.any():
         return overlap
     return np.asarray(scipy.ndimage.maximum_filter(_hull(overlap), around))
