@@ -109,6 +109,17 @@ def write_dng(path, codes, pattern=((0, 1), (1, 2)), white=16383, black=(512,) *
     return path
 
 
+def write_monochrome_dng(path, codes, white=16383, black=512):
+    """A DNG of (H, W) uint16 codes of a sensor without colors: linear RAW of one sample."""
+    of_colors = {50713, 50714, 50721, 50728, 50778}  # black levels, matrix, neutral, illuminant
+    tags = [tag for tag in dng_tags(white, (black,) * 4) if tag[0] not in of_colors]
+    tags.append((50714, 5, 1, ratios(black), True))  # BlackLevel
+    tifffile.imwrite(path, codes, photometric="minisblack", extratags=tags, metadata=None)
+    with tifffile.TiffFile(path, mode="r+b") as file:  # tifffile writes no LinearRaw of one sample
+        file.pages[0].tags[262].overwrite(34892)
+    return path
+
+
 def mosaic_codes(light, pattern=((0, 1), (1, 2)), white=16383, black=512):
     """The codes of (H, W, 3) light behind a pattern; floats, neither rounded nor clipped."""
     y, x = np.indices(light.shape[:2])
@@ -127,6 +138,11 @@ def ramp():
 @pytest.fixture(scope="session")
 def make_dng() -> Callable[..., Path]:
     return write_dng
+
+
+@pytest.fixture(scope="session")
+def make_monochrome_dng() -> Callable[..., Path]:
+    return write_monochrome_dng
 
 
 @pytest.fixture(scope="session")

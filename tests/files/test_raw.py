@@ -144,6 +144,18 @@ def test_linear_dng_is_not_interpolated(tmp_path, make_dng):
     assert image.valid.sum() == image.valid.size - 1
 
 
+def test_dng_of_a_sensor_without_colors_is_gray(tmp_path, make_monochrome_dng):
+    light = slopes()[..., 0]
+    codes = codes_of(512 + (16383 - 512) * light)
+    codes[5, 6] = 16383
+    image = read(make_monochrome_dng(tmp_path / "a.dng", codes))
+    light[5, 6] = 1
+    assert image.meta.gray
+    assert_allclose(image.rgb, np.repeat(light[..., None], 3, axis=2), atol=1e-4)
+    assert not image.valid[5, 6]
+    assert image.valid.sum() == image.valid.size - 1
+
+
 # Oracle
 
 
