@@ -59,11 +59,6 @@ class Bracket:
         return cls(sorted_pictures, sorted_names, times[order], time_std)
 
     @property
-    def ratios(self) -> Array:
-        """(N,) times over their geometric mean."""
-        return np.asarray(self.times / np.exp(np.mean(np.log(self.times))))
-
-    @property
     def rounding(self) -> float:
         """Standard deviation of rounding to code values, a fraction of full scale."""
         return float(max(1 / ((p.meta.levels or 65536) - 1) for p in self.pictures) / 12**0.5)

@@ -152,39 +152,30 @@ def fit_response(
     everything = Places.joined(channels)
     everything.check_shared(bracket)
     fit = _fit(everything, bracket)
-    data = fit.data
-    if fit.agreement < _MIN_AGREEMENT or data.noise > _MAX_NOISE:
-        raise ResponseError(
-            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
-            f"to {255 * data.noise:.1f} of 255 code values; the camera or the scene moved, the light "
-            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
-            "ISO and white balance by hand"
-        )
+    _check_agreement(fit)
     difference, agree, channel_std = _compared(fit, channels)
-    times, seen = data.times(fit.theta), data.codes[data.usable]
-    times *= np.exp(np.mean(np.log(bracket.times / times)))
     return ResponseFit(
         Transfer.from_table("response", np.interp(np.linspace(0, 1, TABLE), _CODES, fit.light)),
         np.hypot(fit.light_std, channel_std),
-        tuple(times.tolist()),
-        data.noise,
+        tuple(fit.data.times(fit.theta).tolist()),
+        fit.data.noise,
         fit.agreement,
-        (float(seen.min()), float(seen.max())),
+        fit.data.seen,
         difference,
         agree,
-        _mean_residuals(data, _predicted(fit.theta, data).codes),
+        _mean_residuals(fit.data, _predicted(fit.theta, fit.data).codes),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Curve:
+class _ResponseCurve:
     """G at the code values between the cells."""
 
     light: Array  # (CELLS + 1,) G
     slopes: Array  # (CELLS,) of G in each cell
 
     @classmethod
-    def of(cls, theta: Array) -> "_Curve":
+    def of(cls, theta: Array) -> "_ResponseCurve":
         """The curve of parameters: coefficients of h, then the black level."""
         prior = response_prior()
         *z, black = theta[: prior.basis.shape[1] + 1]
@@ -220,7 +211,7 @@ class _Curve:
 
 
 @dataclass(frozen=True, eq=False)
-class _Data:
+class _SharedCodes:
     """Places that two pictures share: code values, where they are usable, and their noise."""
 
     codes: Floats  # (N, pictures)
@@ -229,16 +220,22 @@ class _Data:
     noise: float
 
     @classmethod
-    def of(cls, places: Places, bracket: Bracket, noise: float) -> "_Data":
+    def of(cls, places: Places, bracket: Bracket, noise: float) -> "_SharedCodes":
         """The places whose codes are far from the ends of the range in two pictures."""
         usable = places.usable(_MARGIN_STD * noise)
         shared = np.count_nonzero(usable, axis=1) >= 2
         return cls(places.codes[shared], usable[shared], bracket, noise)
 
+    @property
+    def seen(self) -> tuple[float, float]:
+        """Smallest and largest usable code value."""
+        codes = self.codes[self.usable]
+        return float(codes.min()), float(codes.max())
+
     def times(self, theta: Array) -> Array:
-        """(pictures,) exposure times, which are the last parameters; in any unit."""
-        ratios = self.bracket.ratios
-        return np.asarray(ratios * np.exp(self.bracket.time_std * theta[-len(ratios) :]))
+        """(pictures,) exposure times of the last parameters, whose mean log is that of the files."""
+        logs = self.bracket.time_std * theta[-len(self.bracket.times) :]
+        return np.asarray(self.bracket.times * np.exp(logs - logs.mean()))
 
     def residuals(self, codes: Array) -> Array:
         """(N, pictures) residuals from predicted code values, 0 where they are not usable."""
@@ -249,7 +246,7 @@ class _Data:
 class _Prediction:
     """Predicted code values, for the light of each place that fits best."""
 
-    curve: _Curve
+    curve: _ResponseCurve
     codes: Array  # (N, pictures)
     flow: Array  # (N, pictures) change of light by log time
 
@@ -259,13 +256,24 @@ class _Fit:
     theta: Array
     light: Array  # (CELLS + 1,)
     light_std: Array
-    data: _Data  # the inliers
+    data: _SharedCodes  # the inliers
     agreement: float
 
 
-def _predicted(theta: Array, data: _Data) -> _Prediction:
+def _check_agreement(fit: _Fit) -> None:
+    """Raise ResponseError if too few places agree with the curve, or the noise is too large."""
+    if fit.agreement < _MIN_AGREEMENT or fit.data.noise > _MAX_NOISE:
+        raise ResponseError(
+            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
+            f"to {255 * fit.data.noise:.1f} of 255 code values; the camera or the scene moved, the "
+            "light changed, or the camera treats each picture differently. Use a tripod, and set "
+            "exposure, ISO and white balance by hand"
+        )
+
+
+def _predicted(theta: Array, data: _SharedCodes) -> _Prediction:
     """The prediction of parameters: the light of each place by least squares in code values."""
-    curve, t, v = _Curve.of(theta), data.times(theta), data.codes
+    curve, t, v = _ResponseCurve.of(theta), data.times(theta), data.codes
     weight = np.where(data.usable, t / curve.slope(v), 0) ** 2
     G = np.interp(v, _CODES, curve.light)
     x = np.maximum(np.sum(weight * G / t, axis=1) / np.sum(weight, axis=1), 1e-9)
@@ -278,7 +286,7 @@ def _predicted(theta: Array, data: _Data) -> _Prediction:
     return _Prediction(curve, codes, x[:, None] * t)
 
 
-def _squares(theta: Array, data: _Data) -> Array:
+def _squares(theta: Array, data: _SharedCodes) -> Array:
     """(N,) sums of squared residuals of the places."""
     return np.asarray(np.sum(data.residuals(_predicted(theta, data).codes) ** 2, axis=1))
 
@@ -286,7 +294,7 @@ def _squares(theta: Array, data: _Data) -> Array:
 def _start(places: Places, bracket: Bracket) -> Array:
     """Parameters of the curve of the family with the least trimmed sum of squares."""
     some = places.some(_START_PLACES)
-    data = _Data.of(some, bracket, max(bracket.rounding, some.scatter))
+    data = _SharedCodes.of(some, bracket, max(bracket.rounding, some.scatter))
     kept = int((1 - _TRIMMED) * len(data.codes))
     others = np.zeros(1 + len(bracket.times))
     starts = [np.concatenate([z, others]) for z in response_prior().members]
@@ -298,7 +306,7 @@ def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
     theta = start.theta if start else _start(places, bracket)
     noise = start.data.noise if start else max(bracket.rounding, places.scatter)
     for _ in range(_MAX_SELECTIONS):
-        data, agreement = _inliers(theta, _Data.of(places, bracket, noise))
+        data, agreement = _inliers(theta, _SharedCodes.of(places, bracket, noise))
         found = scipy.optimize.least_squares(
             _standardized_residuals, theta, _jacobian, ftol=_MIN_DECREASE, args=(data,)
         )
@@ -306,10 +314,10 @@ def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
         if change < _MIN_CHANGE_STD:
             break
     covariance = np.linalg.inv(found.jac.T @ found.jac)
-    return _Fit(theta, *_Curve.of(theta).normalized(covariance), data, agreement)
+    return _Fit(theta, *_ResponseCurve.of(theta).normalized(covariance), data, agreement)
 
 
-def _inliers(theta: Array, data: _Data) -> tuple[_Data, float]:
+def _inliers(theta: Array, data: _SharedCodes) -> tuple[_SharedCodes, float]:
     """The places that agree with a curve to their noise, and their fraction."""
     if len(data.codes) < MIN_SHARED:
         raise ResponseError(
@@ -320,17 +328,17 @@ def _inliers(theta: Array, data: _Data) -> tuple[_Data, float]:
     ratios = squares / chi_square_quantile(0.5, dof)
     noise = max(float(np.median(ratios)) ** 0.5, data.bracket.rounding)
     good = squares <= noise**2 * chi_square_quantile(1 - _REJECTED_PROBABILITY, dof)
-    inliers = _Data(data.codes[good], data.usable[good], data.bracket, noise)
+    inliers = _SharedCodes(data.codes[good], data.usable[good], data.bracket, noise)
     return inliers, float(np.mean(good))
 
 
-def _standardized_residuals(theta: Array, data: _Data) -> Array:
+def _standardized_residuals(theta: Array, data: _SharedCodes) -> Array:
     """Residuals of code values and parameters from their prior, in standard deviations."""
     residuals = data.residuals(_predicted(theta, data).codes) / data.noise
     return np.concatenate([residuals.ravel(), theta])
 
 
-def _jacobian(theta: Array, data: _Data) -> Array:
+def _jacobian(theta: Array, data: _SharedCodes) -> Array:
     """Derivatives of `_standardized_residuals`, the light of each place being the best."""
     prediction = _predicted(theta, data)
     curve, codes, flow = prediction.curve, prediction.codes, prediction.flow
@@ -348,7 +356,7 @@ def _jacobian(theta: Array, data: _Data) -> Array:
     return np.concatenate([J.reshape(-1, len(theta)), np.eye(len(theta))])
 
 
-def _mean_residuals(data: _Data, codes: Array) -> Array:
+def _mean_residuals(data: _SharedCodes, codes: Array) -> Array:
     """(pictures, groups) mean residual by predicted code value; NaN where there are few."""
     means = np.full((codes.shape[1], _GROUPS), np.nan)
     group = np.clip((codes * _GROUPS).astype(int), 0, _GROUPS - 1)
