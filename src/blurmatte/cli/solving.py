@@ -266,7 +266,7 @@ def _fitting_shapes(
     if how.solver not in ("auto", "swept"):
         name = "--opacity is" if how.seconds is None else "--seconds limits the search"
         raise ValueError(f"{name} for shapes of --solver auto and swept, got {how.solver!r}")
-    seconds = math.inf if how.seconds is None else how.seconds
+    seconds = float("inf") if how.seconds is None else how.seconds
     if not seconds > 0:
         raise ValueError(f"--seconds must be a number above 0, got {seconds:g}")
     kind = bm.matting.Averaged if how.solver == "auto" else bm.Swept
