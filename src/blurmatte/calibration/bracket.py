@@ -91,7 +91,7 @@ class Places:
     @property
     def codes(self) -> Floats:
         """(N, pictures) code values, 0…1."""
-        return self.values[0]
+        return np.asarray(self.values[0])
 
     def chosen(self, detail: Floats) -> "Places":
         """Places of every level in equal number, from the half of them with the least detail."""
