@@ -797,7 +797,10 @@ def test_refuses_bad_options_in_one_line(scene, tmp_path, options, says):
         (["solve"], "Missing argument 'IMAGE'; see"),
         (["solve", "a.png", "--out", "o"], "a single picture needs --plate"),
         (["solve", "a.png", "b.png", "--out", "o"], "in quotes, a pattern means frames"),
-        (["solve", "--plat", "b.png"], "--plat (Possible options: --match, --plate, --rate); see"),
+        (
+            ["solve", "--plat", "b.png"],
+            "--plat (Possible options: --opacity, --plate, --rate); see",
+        ),
         (["solve", "a.png", "--plate", "b.png", "--out"], "requires an argument"),
         (["solve", "a.png", "--plate", "b.png", "--out", "o", "--rank", "two"], "valid integer"),
         (["slove"], "No such command 'slove'"),

@@ -83,7 +83,7 @@ class SolvingOptions:
     "solve rally.mp4 -o out/",
 )
 def solve(
-    images: Annotated[list[str], argument("IMAGE", f"Pictures: {ROWS}. A clip.")],
+    images: Annotated[list[str], argument("IMAGE", f"{ROWS.capitalize()}; a clip.")],
     plate: MaybePlate,
     out: OutFolder,
     colors: ObjectColor,
