@@ -93,4 +93,6 @@ def save(path: Path, alpha: np.ndarray, color: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit("give the folder of the scenes and one for the results: scenes/ results/")
     main(Path(sys.argv[1]), Path(sys.argv[2]))
