@@ -227,6 +227,7 @@ def attempt(job: Job) -> Outcome | None:
 
 def _answer(method: Method, case: Case, limit: float) -> tuple[Solution | Layer | None, str]:
     """The answer, or None and the first sentence of why there is none."""
+    begun = time.process_time()
     try:
         with cpu_limit(limit):
             return method.answer(case), ""
@@ -235,6 +236,10 @@ def _answer(method: Method, case: Case, limit: float) -> tuple[Solution | Layer 
     except (BlurmatteError, ValueError, np.linalg.LinAlgError) as error:
         return None, str(error).split(". ")[0]
     except Exception as error:  # a defect, which is counted and named; the run continues
+        if (
+            time.process_time() - begun >= limit
+        ):  # NumPy answers an interruption by an error of its own
+            return None, _out_of_time(limit)
         return None, f"{type(error).__name__}: {error}"
 
 
