@@ -197,7 +197,7 @@ def _strengths(
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _CastTrial:
     """Offset (x, y) and log softness (3,), in radii, with residuals and their Cauchy loss."""
 
     x: Array
@@ -205,7 +205,7 @@ class _Trial:
     cost: float
 
     @classmethod
-    def of(cls, residuals: Callable[[Array], Array], x: Array) -> "_Trial":
+    def of(cls, residuals: Callable[[Array], Array], x: Array) -> "_CastTrial":
         """At a point, moved within the bounds."""
         far, softness = _MAX_DISTANCE, np.log([_MIN_SOFTNESS, _MAX_SOFTNESS])
         x = np.clip(x, (-far, -far, softness[0]), (far, far, softness[1]))
@@ -216,23 +216,23 @@ class _Trial:
 def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     """(3,) offset (x, y) and log softness, in radii, of the least residuals."""
 
-    def information(trial: _Trial) -> tuple[Array, Array]:
+    def information(trial: _CastTrial) -> tuple[Array, Array]:
         """Curvature and gradient of the loss, from differences of the residuals."""
         x, r, by = trial.x, trial.residuals, _DIFFERENCE
         J = np.stack([residuals(x + step) - r for step in by * np.eye(3)]) / by
         weighted = 2 * J / (_CAUCHY_SCALE**2 + r**2)
         return weighted @ J.T, weighted @ r
 
-    def moved(trial: _Trial, step: Array) -> _Trial:
+    def moved(trial: _CastTrial, step: Array) -> _CastTrial:
         """By at most a radius, which the profile of a shadow about follows."""
-        return _Trial.of(residuals, trial.x + step / max(float(np.abs(step).max()), 1))
+        return _CastTrial.of(residuals, trial.x + step / max(float(np.abs(step).max()), 1))
 
     if start is None:
         softness = np.log(_FIRST_SOFTNESS)
-        trials = (_Trial.of(residuals, np.array([*at, softness])) for at in _first_offsets())
+        trials = (_CastTrial.of(residuals, np.array([*at, softness])) for at in _first_offsets())
         first = min(trials, key=lambda trial: trial.cost)
     else:
-        first = _Trial.of(residuals, start)
+        first = _CastTrial.of(residuals, start)
     # Rough: the next round refines both.
     return descended(first, information, moved, _MAX_CAST_STEPS, ROUGH_TOLERANCE)[0].x
 
