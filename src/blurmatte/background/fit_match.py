@@ -164,9 +164,14 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     smallest, largest = _MODELS[matching]
     geometry = _select_geometry(sharp, list(structure), smallest[0], largest[0])
     select = _LightSelection(geometry.h, smallest[1], largest[1], _MAX_OFFSET * median_light(plate))
-    best, bands = select.best(light), None
-    if matching is not Matching.SHIFT:
-        best, bands = _select_bands(light, best, select)
+    best, bands = _select_light(light, select)
+    if geometry.model[0] > smallest[0] == 0 and _may_have_bands(light):
+        # Bands in both pictures are fine structure too, and look like a displacement.
+        still, others = _select_light(light, replace(select, h=np.zeros(8)))
+        price = _penalty(geometry.model) - _penalty(_GEOMETRY[0])
+        if others is not None and log_likelihood_gain(still, best) <= price:
+            geometry = fit_level(sharp, sharp.identity, _GEOMETRY[0])
+            best, bands = still, others
     match = replace(_match_of(geometry, best, image.size), bands=bands)
     _check_same_scene(match, best, light, plate)
     if matching is None and _is_negligible(match, plate):
@@ -185,8 +190,12 @@ def _matches(sharp: ComparedPair, light: ComparedPair, plate: LinearImage) -> bo
     change = replace(Match.nothing(light.size), h=steps[0][0].h, light=steps[1][0].light)
     if gained > _SHIFT_PENALTY and not _is_negligible(change, plate):
         return False
-    bands_gain, *_ = strongest_bands(light, light.identity)
-    return bands_gain <= _penalty_of_bands(1)
+    return not _may_have_bands(light)
+
+
+def _may_have_bands(light: ComparedPair) -> bool:
+    gain, *_ = strongest_bands(light, light.identity)
+    return gain > _penalty_of_bands(1)
 
 
 def _select_geometry(
@@ -245,14 +254,15 @@ class _LightSelection:
         return best
 
 
-def _select_bands(
-    level: ComparedPair, plain: Alignment, select: _LightSelection
-) -> tuple[Alignment, Bands | None]:
+def _select_light(level: ComparedPair, select: _LightSelection) -> tuple[Alignment, Bands | None]:
     """The best fit without bands, or the best one with bands and these, if they are likelier.
 
-    With one harmonic the light is selected again: bands that are not in the model look like a field.
-    Further harmonics are added as long as they gain.
+    A quadratic field is permitted wherever bands are. With one harmonic the light is selected again:
+    bands that are not in the model look like a field. Further harmonics are added as long as they gain.
     """
+    plain = select.best(level)
+    if select.largest < len(LIGHTS) - 1:
+        return plain, None
     found = [strongest_bands(level, start) for start in (select.fit(level, 1), plain)]
     expected, axis, frequency = max(found)
     if expected <= _penalty_of_bands(1):
