@@ -37,7 +37,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.ranking import Candidate, best_of, is_source
+from blurmatte.sweep.fit.ranking import NEGATIVE_LIGHT, Candidate, best_of, is_source
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     hue_inflation,
@@ -353,7 +353,11 @@ def _fit_before(
         )
         fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
         return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
-    return _of_light(search_in, fits, hypotheses, limit, hides.std)
+    added = _of_light(search_in, fits, hypotheses, limit, hides.std)
+    if added.best.rejection != NEGATIVE_LIGHT:
+        return added
+    # A source of light takes none: the color is wrong, and says nothing about the opacity.
+    return _Candidates.of(fits, hypotheses, limit).refined()
 
 
 def _likelier_thin(

@@ -15,6 +15,8 @@ from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.state import State
 
+NEGATIVE_LIGHT = "needs negative light"  # a reason why a sweep is physically impossible
+
 # Limits of a sweep that is physically possible.
 MAX_LIGHT = 1.2  # mean light of a surface, where the sensor's white is 1
 # Of a channel, of the brightest one; noise may make a dark channel negative
@@ -73,7 +75,7 @@ def rejection(state: State) -> str:
     """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
     light = state.mean_color
     if light.min() < MIN_LIGHT * light.max():
-        return "needs negative light"
+        return NEGATIVE_LIGHT
     if not inside_mask(state):
         return "leaves the streak"
     if self_overlaps(state):
