@@ -122,8 +122,8 @@ def match_plate(
 def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None = None) -> Match:
     """Fit the homography and the light that map a plate to an image.
 
-    Geometry and light are fitted together, robustly: a moving object may cover up to about a third of
-    the picture.
+    Geometry is fitted to fine structure, then light to the pictures, both robustly: a moving object may
+    cover up to about a third of the picture.
 
     Parameters
     ----------
