@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Interval
 
-from blurmatte.background import Match
+from blurmatte.background.match import Match
 from blurmatte.checks import MAX_PX, Direction, Floats
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.calibration import grade_of
