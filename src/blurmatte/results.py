@@ -90,10 +90,9 @@ def save_results(
     ['alpha.png', 'color.png', 'layer.exr', 'layer.png', 'model.json', 'overview.png',
     'report.json']
     """
-    check_picture("image", image)
-    check_picture("plate", plate)
     check_solution("solution", solution)
     for name, picture in (("image", image), ("plate", plate)):
+        check_picture(name, picture)
         check_same_size(name, picture.size, "the solution", solution.size)
     layer = solution.layer
     color, place = layer.straight(), solution.streak_place

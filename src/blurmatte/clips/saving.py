@@ -274,14 +274,7 @@ def save_clip(
                 yield from _shot(run, folder, number, shot, work, workers)
             except BlurmatteError as error:
                 work.problems.append(f"{shots[number - 1]}: {error}")
-        if not work.rows:
-            raise MotionError("; ".join(work.problems) or "the clip has no frames")
-        work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
-        files, empty = _written(run, folder, work, shots), _fill(run, folder, work)
-        done = tuple(work.records), tuple(shots), tuple(work.problems)
-        report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
-        write(folder / "report.json", _numbers(run, report))
-        yield report
+        yield _finished(run, folder, work, shots, begun)
 
 
 def _shot(
@@ -330,6 +323,20 @@ def _shot(
         if row.sighting is None and row.something_moved and row.place not in done
     ]
     work.records += sorted([*done.values(), *empty], key=lambda one: (one.frame, one.object))
+
+
+def _finished(
+    run: ClipRun, folder: Path, work: _Work, shots: Sequence[ClipShot], begun: float
+) -> ClipReport:
+    """Write what follows from all frames; the report."""
+    if not work.rows:
+        raise MotionError("; ".join(work.problems) or "the clip has no frames")
+    work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
+    files, empty = _written(run, folder, work, shots), _fill(run, folder, work)
+    done = tuple(work.records), tuple(shots), tuple(work.problems)
+    report = ClipReport(*done, files, time.monotonic() - begun, work.new, empty)
+    write(folder / "report.json", _numbers(run, report))
+    return report
 
 
 def _written(

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
 
-from blurmatte.checks import Codes8, as_array, check_kind
+from blurmatte.checks import Codes8, as_array, check_kind, check_not_negative, check_positive
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
@@ -297,15 +297,13 @@ def write_frames(
                            of pictures, too. The number has at least as many digits as there are #;
                            ball.%04d.exr is the same
     .mov                   layers: ProRes 4444 with alpha, straight colors; pictures: ProRes 4444
-    .mp4                   pictures: H.264 (4:2:0, 8 bit) for viewing; the last row or column of odd
-                           sizes is repeated
+    .mp4                   pictures: H.264 (4:2:0, 8 bit) for viewing, extended to even sizes
     .gif .webp             pictures: short animations, all of which are held in memory
     =====================  =============================================================
 
     .mov and .mp4 (the `video` extra) have the curve, primaries and limited range of Rec. 709, and state
-    them. ProRes has 10 bits here: alpha loses only its rounding, colors also what is brighter than
-    white. A .mov does not state that its colors are straight: set that in the program that reads it (in
-    Nuke, a Premult after the Read). Unclipped linear light needs .exr.
+    them; that colors of a .mov are straight has to be set in the program that reads it. ProRes has 10
+    bits here and clips at white: unclipped light needs .exr.
 
     Parameters
     ----------
@@ -341,16 +339,18 @@ def write_frames(
     ['0001.png', '0002.png', '0003.png']
     """
     target = Path(path)
-    rate = 25.0 if rate is None else rate
-    if not (np.isfinite(rate) and rate > 0):
-        raise ValueError(f"rate must be a positive number of frames per second, got {rate}")
-    if isinstance(start, int) and start < 0:
-        raise ValueError(f"start must be 0 or more, got {start}")
+    _check_numbers(rate, start)
     if target.suffix.lower() in _CLIP_WRITERS:
-        return _write_clip(target, _checked(things), rate)
-    return _write_sequence(
-        target, _checked(things), count(start) if isinstance(start, int) else start
-    )
+        return _write_clip(target, _checked(things), 25.0 if rate is None else rate)
+    numbers = count(start) if isinstance(start, int) else start
+    return _write_sequence(target, _checked(things), numbers)
+
+
+def _check_numbers(rate: float | None, start: int | Sequence[int]) -> None:
+    if rate is not None:
+        check_positive("rate", rate, "frames per second")
+    if isinstance(start, int):
+        check_not_negative("start", start)
 
 
 def _frames(

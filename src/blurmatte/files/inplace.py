@@ -49,16 +49,15 @@ def write_changed(
     .png .tif     Every other code value is the original's, and so are bits, alpha, orientation,
                   ICC profile, EXIF, XMP and resolution. From PNG to PNG all chunks are kept, from
                   TIFF to TIFF all tags of the first page except those of the pixel layout.
-    .jpg          From a JPEG, only the blocks (MCUs) with a changed pixel are compressed again, with
-                  the original's tables; all others decode to the same pixels, except for one pixel
-                  of color next to them where chroma is subsampled. All segments are kept.
-                  From a PNG or TIFF, the whole picture at quality 95.
+    .jpg          From a JPEG, only blocks (MCUs) with a changed pixel are compressed again, with
+                  its tables; all others decode to the same pixels, except for one pixel of color
+                  next to them where chroma is subsampled. All segments are kept. From a PNG or
+                  TIFF, the whole picture at quality 95.
     .exr          The light of the whole picture, as written by `write`.
     ============  ============================================================================
 
-    Thumbnails, further pictures (HDR gain map, clip of a motion photo), pages and channels, and
-    Photoshop's layers are removed, as they would show the old picture; previews in maker notes are
-    kept. A progressive JPEG becomes sequential. Light that the file cannot hold is clipped.
+    Thumbnails, further pictures, pages, channels and layers are removed, as they would show the old
+    picture. A progressive JPEG becomes sequential. Light that the file cannot hold is clipped.
 
     Parameters
     ----------
@@ -74,7 +73,7 @@ def write_changed(
     Raises
     ------
     FileError
-        If the original cannot be read, or the target cannot hold it; the message says what to do.
+        If the original cannot be read, or the target cannot hold it.
     TypeError, ValueError
         If `picture` or `changed` has another size.
 
@@ -95,18 +94,16 @@ def write_changed(
     if extension_of(target) == ".exr":
         write(target, _light(raster, picture, changed, transfer))
     else:
-        _check_holds(raster, extension_of(target))
-        if format_of(source) is JPEG:
-            _warn_of_further_pictures(target, source)
         _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
 
 
 def _original(
     target: Path, source: Path, picture: LinearImage, changed: Bools, max_pixels: int
 ) -> tuple[Raster, Bools]:
-    """The original and the mask; raises unless it can be read and all have its size."""
+    """The original and the mask; raises unless the target can hold it and all have its size."""
     _check_formats(target, source)
     raster = load(source, max_pixels)
+    _check_holds(raster, extension_of(target))
     height, width = raster.pixels.shape[:2]
     check_same_size("picture", picture.size, source.name, (width, height))
     return raster, check_map("changed", changed, (height, width), kinds="b")
@@ -114,12 +111,14 @@ def _original(
 
 def _warn_of_further_pictures(target: Path, source: Path) -> None:
     """Warn of what a JPEG has besides its picture."""
+    if format_of(source) is not JPEG:
+        return
     if others := further_pictures(metadata_segments(source.read_bytes())):
         warnings.warn(
             f"{target}: without the {' and the '.join(others)} of {source.name}, which would show "
             "the old picture",
             BlurmatteWarning,
-            stacklevel=3,
+            stacklevel=4,
         )
 
 
@@ -136,6 +135,8 @@ def _check_formats(target: Path, source: Path) -> None:
 
 
 def _check_holds(raster: Raster, extension: str) -> None:
+    if extension == ".exr":
+        return
     if raster.format is EXR:
         raise FileError(f"{raster.path}: write .exr; the file holds light, not code values")
     if raster.levels is None and extension != ".tif":
@@ -143,6 +144,7 @@ def _check_holds(raster: Raster, extension: str) -> None:
 
 
 def _save_pixels(target: Path, raster: Raster, upright: npt.NDArray[Any], changed: Bools) -> None:
+    _warn_of_further_pictures(target, raster.path)
     pixels, extension = raster.orientation.stored(upright), extension_of(target)
     with replacing(target, extension) as temporary:
         if extension == ".png":

@@ -41,16 +41,8 @@ from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import SRGB, Transfer
 from blurmatte.trajectory import PointSpread
 
-_Writer = Callable[[Path], None]
-Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
-
-_SRGB = {"oiio:ColorSpace": "srgb_rec709_scene"}
-_LINEAR = {"oiio:ColorSpace": "lin_rec709_scene"}
-
-
-def write(
-    path: str | Path,
-    thing: LinearImage
+Writable = (
+    LinearImage
     | Layer
     | Solution
     | PointSpread
@@ -64,7 +56,18 @@ def write(
     | Sequence[Mapping[str, Any]]
     | str
     | Floats
-    | Codes8,
+    | Codes8
+)
+_Writer = Callable[[Path], None]
+Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
+
+_SRGB = {"oiio:ColorSpace": "srgb_rec709_scene"}
+_LINEAR = {"oiio:ColorSpace": "lin_rec709_scene"}
+
+
+def write(
+    path: str | Path,
+    thing: Writable,
 ) -> None:
     """Write to a file in the format of its extension.
 

@@ -1,7 +1,6 @@
 """solve: image + plate + colors → Solution."""
 
 import logging
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -59,20 +58,17 @@ def solve(
     Parameters
     ----------
     image, plate : LinearImage
-        The picture with the streak, and the same scene without it; of one size. Unknown noise is
-        measured from their difference.
+        The picture with the streak, and the same scene without it. Unknown noise is measured.
     model : ColorModel, optional
         Colors of the object; fitted to the streak if not given, as by `fit_color`.
     solver : Solver, optional
-        `Pixelwise`, `Smooth`, `Swept`, `Shaded` or your own. If not given, sweeps and `Smooth()` are
-        averaged by their evidence; `Solution.solver` names the one of the largest weight.
+        Such as `Pixelwise()`; if not given, sweeps and `Smooth()` are averaged by their evidence.
     streak : Streak, optional
         Where the object moved; if not given, the most likely of `find_streaks`.
     matching : Matching, optional
         Permitted changes of the plate (`fit_match`); estimated from the data if not given.
     occluder : (H, W) bool, optional
-        A static object in front, such as a fence. Alpha behind it follows from the sweep or from
-        neighbors, and is flagged OCCLUDED.
+        A static object in front, such as a fence. Alpha behind it is flagged OCCLUDED.
     out : PixelMaps, optional
         Arrays to write the result to, for pictures of the same size.
     start : Sweep, optional
@@ -86,7 +82,7 @@ def solve(
         If an argument has another type, or a size other than that of the image.
     PlateError, MotionError, ColorModelError
         If the plate does not fit the image; if nothing moved; if no model was given and the streak only
-        lost light, or colors were given for gray pictures.
+        lost light, or one was given for gray pictures.
 
     Warns
     -----
@@ -96,19 +92,13 @@ def solve(
     Examples
     --------
     >>> solution = bm.solve(image, plate)
-    >>> print(solution)
-    Solution(128x72, alpha up to 0.34, typical std 0.0016, 0.0% of the streak's pixels flagged)
     >>> print(bm.explain(solution)[0])
     confirmed: alpha within 0.0036, its sum within 1 %.
-    >>> sea = bm.LinearImage(np.full((72, 128, 3), [0.2, 0.4, 0.7]))
-    >>> picture = solution.layer.over(sea)
     """
     _check(image, plate, model, solver, streak, out, start)
     given = model, _that_shows_in(plate, solver or Averaged()), streak, start, prior, out
     if isinstance(plate, PlateGuess):
-        return _before_guess(
-            image, plate, occluder, prior, lambda pictures: _solved(pictures, *given)
-        )
+        return _before_guess(image, plate, occluder, *given)
     return _solved(_matched(image, plate, matching, occluder), *given)
 
 
@@ -126,8 +116,12 @@ def _before_guess(
     image: LinearImage,
     plate: PlateGuess,
     occluder: Bools | None,
+    model: ColorModel | None,
+    solver: Solver,
+    streak: Streak | None,
+    start: Sweep | None,
     prior: MotionPrior | None,
-    first: Callable[[Pictures], Solution],
+    out: PixelMaps | None,
 ) -> Solution:
     """The solution before a guessed plate; before its draws by a quick solver, from the first one."""
     if image.noise is None:
@@ -137,7 +131,7 @@ def _before_guess(
         """The solution before a plate of which nothing is a guess, quickly if another is known."""
         pictures = _matched(image, plate, Matching.NONE, occluder)
         if known is None:
-            return first(pictures)
+            return _solved(pictures, model, solver, streak, start, prior, out)
         quick = Swept((Disc(),)) if known.stats.has_shape else Smooth()
         where = Streak(known.streak), known.sweep
         return _solved(pictures, known.model, quick, *where, prior, None, warns=False)
