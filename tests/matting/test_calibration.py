@@ -16,10 +16,10 @@ from blurmatte.matting.calibration import (
     error_terms,
     grade_of,
     graded,
-    graded_alone,
     reasons,
 )
 from blurmatte.matting.maps import Grade
+from blurmatte.matting.stats import SolutionStats
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
@@ -268,7 +268,9 @@ def test_an_exact_color_has_no_angle_and_a_smaller_error():
 def test_a_single_solver_has_its_own_factor(solver, compressed):
     """exact: errors and grade from the claim; never less than the claim, less with a given color."""
     one = disc(14, std=0.01, sum_std=0.0)
-    given, fitted = (graded_alone(one, solver, compressed, exact) for exact in (True, False))
+    given, fitted = (
+        SolutionStats().graded_alone(one, solver, compressed, exact) for exact in (True, False)
+    )
     name = COMPRESSED if compressed else UNCOMPRESSED
     factor = fitted_calibration().solver_factor(solver, name, True)
     assert given.claimed_error == pytest.approx(0.01)

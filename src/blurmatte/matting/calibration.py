@@ -8,7 +8,6 @@ to all alpha.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -52,15 +51,6 @@ class HypothesisSummary:
     rank: int  #: of its color model
     has_shape: bool
     inflation: float  #: variance inflation of its residuals
-
-
-class Grading(NamedTuple):
-    """The calibrated error of a solver, as in `SolutionStats`."""
-
-    claimed_error: float
-    grade_reasons: tuple[str, ...]
-    grade: Grade
-    alpha_error: float
 
 
 def claimed_error(estimate: AlphaEstimate) -> float:
@@ -200,27 +190,19 @@ def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -
     return np.asarray((nearer + (distance - whole) * (farther - nearer)) ** 2 / 6)
 
 
-def graded_alone(
+def calibrated_alone(
     estimate: AlphaEstimate, solver: str, compressed: bool, exact_color: bool
-) -> Grading:
-    """Claim, grade and calibrated error of a solver that is not compared with other hypotheses.
+) -> AlphaEstimate:
+    """The estimate of a solver that is not compared with other hypotheses, with its calibrated error.
 
-    estimate: of the solver, not calibrated.
     solver: "Smooth" or "Pixelwise"; that of `Shaded` is also the error of single pixels.
     compressed, exact_color: as for `calibrated`.
     """
     file_class = COMPRESSED if compressed else UNCOMPRESSED
     factor = fitted_calibration().solver_factor(solver, file_class, exact_color)
-    claim, scale = claimed_error(estimate), factor * estimate.scale_std
     stds = factor * np.asarray(estimate.alpha_std, float), factor * estimate.sum_std
-    grade, error = graded(with_bounded_errors(AlphaEstimate(estimate.alpha, *stds, scale)))
-    causes = {
-        "noise": claim > GRADE_LIMITS[Grade.CONFIRMED][0],
-        "file": compressed,
-        "color": not exact_color,
-    }
-    because = tuple(name for name, holds in causes.items() if holds)
-    return Grading(claim, because, grade, error)
+    scale = factor * estimate.scale_std
+    return with_bounded_errors(AlphaEstimate(estimate.alpha, *stds, scale))
 
 
 def graded(estimate: AlphaEstimate) -> tuple[Grade, float]:

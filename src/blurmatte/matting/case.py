@@ -68,7 +68,9 @@ class Case:
     found: Streak  #: where image and given plate differ
     model: ColorModel
     hypotheses: Hypotheses | None  #: None if the solver needs no sweep
-    fitted: "Fitted | None" = None  #: None if the hypotheses were fitted to these pictures
+    #: Whose hypotheses these are, of means over cells; None if they were fitted to these pictures
+    fitted: "Case | None" = None
+    cells: FittingSize | None = None  #: of which the pixels are means
 
     @property
     def is_exact(self) -> bool:
@@ -100,7 +102,7 @@ class Case:
     @property
     def compared(self) -> tuple[LinearImage, LinearImage, Streak]:
         """Image, matched plate, and where they differ, of the size that was fitted."""
-        one = self if self.fitted is None else self.fitted.case
+        one = self.fitted or self
         return one.pictures.image, one.pictures.plate, one.found
 
     @cached_property
@@ -131,14 +133,6 @@ class Case:
             | hidden * np.uint8(Quality.OCCLUDED),
             np.uint8,
         )
-
-
-@dataclass(frozen=True, eq=False)
-class Fitted:
-    """The case of the pictures to which hypotheses were fitted, and the size of those."""
-
-    case: Case
-    size: FittingSize
 
 
 @dataclass(frozen=True, eq=False)

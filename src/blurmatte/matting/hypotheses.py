@@ -223,7 +223,7 @@ class Averaged(Swept):
 
 def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     """The average of hypotheses, with the solver and the colors of the likeliest one."""
-    fitted = case if case.fitted is None else case.fitted.case
+    fitted = case.fitted or case
     found = _WeightedHypotheses.of(fitted, without_shape)
     average = averaged(found.estimates, found.weights)
     sweep = found.shapes[0].sweep
@@ -252,10 +252,9 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     average = with_bounded_errors(replace(average, alpha_std=alpha_std))
     pictures = fitted.image.crop(found.box), fitted.plate.crop(found.box)
     alternatives = found.alternatives(average, pictures)
-    if case.fitted is not None:
-        size = case.fitted.size
-        alternatives = [_in_pixels(one, size) for one in alternatives]
-        found, average = _enlarged(found, average, case, size)
+    if fitted.cells is not None:
+        alternatives = [_in_pixels(one, fitted.cells) for one in alternatives]
+        found, average = _enlarged(found, average, case, fitted.cells)
     model, maps = _written(found, average, case, out)
     stats = SolutionStats(
         sum_alpha_std=average.sum_std,

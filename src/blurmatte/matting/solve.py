@@ -14,8 +14,7 @@ from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
-from blurmatte.matting.calibration import graded_alone
-from blurmatte.matting.case import Answer, Case, Fitted, Pictures, Solver
+from blurmatte.matting.case import Answer, Case, Pictures, Solver
 from blurmatte.matting.hypotheses import Averaged, Swept, shape_log_odds
 from blurmatte.matting.imputation import solve_before_guess
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
@@ -268,8 +267,8 @@ def _enlarged_case(
     fitted = fit_hypotheses(image, plate, of_streak, model, None, None, *searched)
     known = _with_streak(model, fitted)
     hypotheses = size.hypotheses(fitted, (plate, pictures.plate), (of_streak, streak))
-    of_means = Case(small, of_streak, known, fitted)
-    return Case(pictures, streak, known, hypotheses, Fitted(of_means, size))
+    of_means = Case(small, of_streak, known, fitted, cells=size)
+    return Case(pictures, streak, known, hypotheses, of_means)
 
 
 def _with_streak(model: ColorModel | None, hypotheses: Hypotheses) -> ColorModel:
@@ -336,8 +335,7 @@ def _graded_alone(answer: Answer, case: Case, sums: StreakSums) -> SolutionStats
         return replace(stats, grade=Grade.ASSUMED, alpha_error=1.0, grade_reasons=("color",))
     alpha, std = np.where(known, maps.alpha, 0), np.where(known, maps.alpha_std, np.inf)
     estimate = AlphaEstimate(alpha, std, sums.sum_alpha_std, sums.alpha_scale_std)
-    found = graded_alone(estimate, answer.errors_like, case.is_compressed, case.is_exact)
-    return replace(stats, **found._asdict())
+    return stats.graded_alone(estimate, answer.errors_like, case.is_compressed, case.is_exact)
 
 
 def _check_numbers(maps: PixelMaps, case: Case) -> None:

@@ -15,7 +15,14 @@ from annotated_types import Interval
 from blurmatte.background.match import Match
 from blurmatte.checks import MAX_PX, Direction, Floats
 from blurmatte.matting.alternatives import Alternative
-from blurmatte.matting.calibration import grade_of
+from blurmatte.matting.averaging import AlphaEstimate
+from blurmatte.matting.calibration import (
+    GRADE_LIMITS,
+    calibrated_alone,
+    claimed_error,
+    grade_of,
+    graded,
+)
 from blurmatte.matting.maps import Grade
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.sweep.assess.calibration import ErrorTerms
@@ -372,6 +379,25 @@ class SolutionStats:
             grade = min(grade, grade_of(error, sum_std / sum_alpha))
         return replace(
             self, alpha_error=error, sum_alpha_std=sum_std, alpha_scale_std=scale_std, grade=grade
+        )
+
+    def graded_alone(
+        self, estimate: AlphaEstimate, solver: str, compressed: bool, exact_color: bool
+    ) -> SolutionStats:
+        """The same with the grade and the error of a solver that has no other hypotheses.
+
+        estimate: of the solver, not calibrated; the others as for `calibrated_alone`.
+        """
+        claim = claimed_error(estimate)
+        grade, error = graded(calibrated_alone(estimate, solver, compressed, exact_color))
+        causes = {
+            "noise": claim > GRADE_LIMITS[Grade.CONFIRMED][0],
+            "file": compressed,
+            "color": not exact_color,
+        }
+        because = tuple(name for name, holds in causes.items() if holds)
+        return replace(
+            self, claimed_error=claim, grade_reasons=because, grade=grade, alpha_error=error
         )
 
     def assumed(self, reason: str) -> SolutionStats:
