@@ -9,7 +9,7 @@ from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.cli import pictures
-from blurmatte.cli.rows import is_row
+from blurmatte.cli.paths import is_row
 from blurmatte.rendering import colorful_plate
 
 SIZE = (96, 64)

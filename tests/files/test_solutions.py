@@ -1,15 +1,23 @@
+"""Solutions as files: EXR with every number, stacks of TIFF that ImageJ opens."""
+
 import json
+import os
+import shutil
+import subprocess
 from dataclasses import fields, replace
+from pathlib import Path
 
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
 import pytest
+import tifffile
 
+import blurmatte as bm
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer, read_solution, write
-from blurmatte.files.solutions import stats_to_mapping
+from blurmatte.files.solutions import save_stack, stats_to_mapping
 from blurmatte.matting import Grade, Quality, Solution, SolutionStats
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import (
@@ -64,6 +72,21 @@ STATS = SolutionStats(
     alpha_error=0.031,
 )
 ARRAYS = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
+JAR = Path("/usr/share/java/ij.jar")  # of Debian's package imagej
+READER = """
+import ij.*; import ij.io.*;
+public class Read {
+    public static void main(String[] files) {
+        ImagePlus image = new Opener().openImage(files[0]);
+        ImageStack stack = image.getStack();
+        System.out.println(stack.getSize() + " " + image.getWidth() + " " + image.getHeight()
+            + " " + image.getBitDepth());
+        System.out.println(image.getInfoProperty());
+        for (int k = 1; k <= stack.getSize(); k++)
+            System.out.println(stack.getSliceLabel(k) + "|" + stack.getProcessor(k).getf(3, 2));
+    }
+}
+"""
 
 
 @pytest.fixture
@@ -204,3 +227,70 @@ def test_stats_that_are_not_data_raise_type_error(tmp_path, solution):
     assert not list(tmp_path.iterdir())
     with pytest.raises(TypeError, match="stats must be a SolutionStats, got dict"):
         replace(solution, stats={"pixels": 3})
+
+
+@pytest.fixture
+def filled():
+    """Numbers that differ in every map and pixel."""
+    maps = bm.matting.PixelMaps.zeros(5, 7)
+    for k, values in enumerate(maps[:4]):
+        values[...] = k + np.arange(values.size, dtype=np.float32).reshape(values.shape) / 100
+    maps.alpha_std[0, 0] = np.inf
+    maps.quality[2, 3] = 16
+    return bm.Solution(*maps, model=bm.ColorModel.any(), solver="Pixelwise()")
+
+
+def values_of(filled):
+    return [
+        *(filled.alpha, filled.alpha_std),
+        *(filled.premultiplied[..., c] for c in range(3)),
+        *(filled.premultiplied_std[..., c] for c in range(3)),
+        filled.quality,
+    ]
+
+
+def test_every_map_is_a_page_with_its_name(filled, tmp_path):
+    """Exact: as tifffile and OpenImageIO read it."""
+    path = tmp_path / "ball.tif"
+    bm.write(path, filled)
+    with tifffile.TiffFile(path) as file:
+        assert np.array_equal(file.asarray(), np.stack(values_of(filled)))
+        labels = file.imagej_metadata["Labels"]
+        assert labels[:3] == ["alpha", "error of alpha", "red light of the object"]
+        assert labels[-1].startswith("flags (1 saturated, 2 plate in model, ")
+        assert "premultiplied, 1 is white" in file.imagej_metadata["Info"]
+        assert file.imagej_metadata["images"] == len(labels) == 9
+    for page, values in enumerate(values_of(filled)):
+        assert np.array_equal(oiio.ImageBuf(str(path), page, 0).get_pixels()[..., 0], values)
+
+
+def test_the_same_solution_gives_the_same_bytes(filled, tmp_path):
+    for name in "ab":
+        bm.write(tmp_path / f"{name}.tif", filled)
+    assert (tmp_path / "a.tif").read_bytes() == (tmp_path / "b.tif").read_bytes()
+
+
+def test_more_than_a_tiff_can_hold_is_refused(tmp_path):
+    """door."""
+    large = np.broadcast_to(np.float32(0), (2**15, 2**15))
+    with pytest.raises(FileError, match=r"write .exr; 2 maps of 32768x32768 need more than 4 GB"):
+        save_stack(tmp_path / "a.tif", {"a": large, "b": large}, "")
+
+
+@pytest.mark.battery
+@pytest.mark.skipif(not JAR.is_file(), reason=f"ImageJ is not there: {JAR}")
+@pytest.mark.skipif(shutil.which("javac") is None, reason="there is no Java compiler")
+def test_imagej_shows_names_and_numbers(filled, tmp_path):
+    """Exact"""
+    bm.write(tmp_path / "ball.tif", filled)
+    (tmp_path / "Read.java").write_text(READER)
+    command = ["java", "-Djava.awt.headless=true", "-cp", str(JAR), "Read.java", "ball.tif"]
+    done = subprocess.run(
+        command, cwd=tmp_path, capture_output=True, text=True, check=True, env=os.environ
+    )
+    head, info, *slices = done.stdout.splitlines()
+    assert head == "9 7 5 32"
+    assert info.startswith("blurmatte: Solution(7x5")
+    assert [line.partition("|")[0] for line in slices[:2]] == ["alpha", "error of alpha"]
+    seen = [float(line.partition("|")[2]) for line in slices]
+    np.testing.assert_allclose(seen, [values[2, 3] for values in values_of(filled)], rtol=1e-6)

@@ -29,8 +29,7 @@ from blurmatte.cli.console import (
     say,
     warn,
 )
-from blurmatte.cli.output_checks import protecting
-from blurmatte.cli.rows import pictures_of
+from blurmatte.cli.paths import pictures_of, protecting
 from blurmatte.interrupts import interrupted
 
 F = TypeVar("F", bound=Callable[..., None])

@@ -10,9 +10,8 @@ from typing import Annotated
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
 from blurmatte.cli.console import about, answer, argument, option, output, waiting
-from blurmatte.cli.output_checks import check_file, check_plot
+from blurmatte.cli.paths import ROWS, check_file, check_plot, expanded
 from blurmatte.cli.quantities import box, number
-from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Reading
 from blurmatte.formats import MAX_PIXELS
 

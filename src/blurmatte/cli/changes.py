@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.console import about, argument, option
-from blurmatte.cli.output_checks import CLIPS, SHEET, check_file
+from blurmatte.cli.paths import CLIPS, SHEET, check_file
 from blurmatte.cli.quantities import check_rate, numbers
 
 if TYPE_CHECKING:

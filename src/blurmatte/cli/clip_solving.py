@@ -25,9 +25,8 @@ from blurmatte.cli.console import (
     waiting,
     warn,
 )
-from blurmatte.cli.output_checks import check_folder
+from blurmatte.cli.paths import check_folder, given_files
 from blurmatte.cli.quantities import check_count
-from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
     GUESSED,
     FrameSelection,

@@ -27,9 +27,8 @@ from blurmatte.cli.changes import (
     changed,
 )
 from blurmatte.cli.console import about, option, say, waiting
-from blurmatte.cli.output_checks import PICTURE, check_file
+from blurmatte.cli.paths import PICTURE, check_file, is_row
 from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch_row
-from blurmatte.cli.rows import is_row
 from blurmatte.cli.selection import (
     GUESSED,
     Out,

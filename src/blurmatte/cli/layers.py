@@ -18,8 +18,7 @@ from blurmatte.cli.console import (
     waiting,
     with_progress,
 )
-from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_outputs
-from blurmatte.cli.rows import ROWS
+from blurmatte.cli.paths import PICTURE, ROWS, check_file, check_folder, check_outputs
 from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
 from blurmatte.formats import MAX_PIXELS
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
-from blurmatte.cli.output_checks import SHEET, check_file
+from blurmatte.cli.paths import SHEET, check_file
 from blurmatte.cli.picture_solving import solved_picture_at
 from blurmatte.cli.quantities import (
     LENGTH,

@@ -14,7 +14,7 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.app import command, run_line
 from blurmatte.cli.console import ExitCode, argument, flag, option, output, say
-from blurmatte.cli.output_checks import check_folder
+from blurmatte.cli.paths import check_folder
 
 
 @command("ui --out results/", "ui throw.png empty_room.png --port 8000 --no-browser")

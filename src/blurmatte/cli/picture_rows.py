@@ -17,7 +17,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.console import ExitCode, complain, say, say_json, with_progress
-from blurmatte.cli.output_checks import check_outputs
+from blurmatte.cli.paths import check_outputs
 from blurmatte.clips.manifest import NAME, FinishedPicture, Manifest, key_of, opened_manifest
 from blurmatte.clips.table import PictureRecord
 from blurmatte.results import RESULT_FILES

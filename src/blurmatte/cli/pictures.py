@@ -12,8 +12,7 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, argument, complain, flag, output, say, waiting
-from blurmatte.cli.output_checks import SHEET, check_file
-from blurmatte.cli.rows import expanded
+from blurmatte.cli.paths import SHEET, check_file, expanded
 from blurmatte.cli.selection import GUESSED, CameraReading, PlateOptions, Reading, matching_of
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, by, with_progress
-from blurmatte.cli.output_checks import PICTURE, check_ending, check_folder, check_outputs
+from blurmatte.cli.paths import PICTURE, check_ending, check_folder, check_outputs
 from blurmatte.cli.quantities import frame_range
 from blurmatte.cli.selection import Clip, FrameRange, Out, Reading
 

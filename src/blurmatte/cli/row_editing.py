@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import blurmatte as bm
 from blurmatte.cli.changes import RowOptions
 from blurmatte.cli.console import about, say, with_progress
-from blurmatte.cli.output_checks import check_outputs
-from blurmatte.cli.rows import pictures_of
+from blurmatte.cli.paths import check_outputs, pictures_of
 from blurmatte.cli.selection import Reading
 
 if TYPE_CHECKING:

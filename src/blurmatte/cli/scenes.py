@@ -23,8 +23,7 @@ from blurmatte.cli.console import (
     say_json,
     with_progress,
 )
-from blurmatte.cli.output_checks import check_file, check_folder, check_outputs
-from blurmatte.cli.rows import expanded, with_folders
+from blurmatte.cli.paths import check_file, check_folder, check_outputs, expanded, with_folders
 
 
 @command("render easy -o scenes/easy", "render --list", "render --archive -o scenes.zip")

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import blurmatte as bm
 from blurmatte.cli.console import GENERAL, about, argument, option, output
+from blurmatte.cli.paths import ROWS
 from blurmatte.cli.quantities import box, check_rate, frame_range, is_box, numbers
-from blurmatte.cli.rows import ROWS
 from blurmatte.formats import EXR, MAX_PIXELS, format_at, named
 
 OBJECT = "The object"

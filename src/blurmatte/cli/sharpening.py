@@ -11,15 +11,16 @@ from typing import Annotated, Any, Literal
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, argument, grade_lines, option, waiting
-from blurmatte.cli.output_checks import (
+from blurmatte.cli.paths import (
     CLIPS,
     CLIPS_OF_LAYERS,
+    ROWS,
     SHEET,
     STILL,
     check_ending,
     check_file,
+    expanded,
 )
-from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import GUESSED, Out, Reading, matching_of
 
 PICTURES = "Its pictures"

@@ -30,7 +30,7 @@ from blurmatte.cli.console import (
     waiting,
     warn,
 )
-from blurmatte.cli.output_checks import check_file, check_folder
+from blurmatte.cli.paths import ROWS, check_file, check_folder, expanded, given_files, with_folders
 from blurmatte.cli.picture_solving import (
     PictureOptions,
     also_moved,
@@ -39,7 +39,6 @@ from blurmatte.cli.picture_solving import (
     solved,
 )
 from blurmatte.cli.quantities import number
-from blurmatte.cli.rows import ROWS, expanded, given_files, with_folders
 from blurmatte.cli.selection import (
     CameraReading,
     KnownOpacity,

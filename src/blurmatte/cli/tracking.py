@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, flag, option, output
-from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
+from blurmatte.cli.paths import SHEET, check_file, check_outputs, given_files
 from blurmatte.cli.quantities import (
     SIZE,
     Readout,
@@ -21,7 +21,6 @@ from blurmatte.cli.quantities import (
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading
 from blurmatte.formats import TRACKER, TRACKER_ENDINGS, TRACKMATE
 

@@ -11,9 +11,14 @@ from collections.abc import Iterator
 import numpy as np
 
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.grade import alpha_peak, alternatives_in_words, doubts, grade_in_words
+from blurmatte.explain.grade import (
+    alpha_peak,
+    alternatives_in_words,
+    doubts,
+    grade_in_words,
+    sweep_in_words,
+)
 from blurmatte.explain.numbers import rounded_std, with_error
-from blurmatte.explain.sweep import sweep_in_words
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, MedianNoise

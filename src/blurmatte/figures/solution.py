@@ -20,8 +20,8 @@ from blurmatte.explain.grade import (
     alternatives_of,
     doubts,
     grade_in_words,
+    likeliest_shape,
 )
-from blurmatte.explain.sweep import likeliest_shape
 from blurmatte.figures.drawing import (
     Color,
     Palette,

@@ -15,23 +15,23 @@ from blurmatte.checks import Codes8, Floats, as_array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.atomic import ending_of, moved_together, replacing
-from blurmatte.files.calibration import (
-    noise_to_mapping,
-    transfer_to_mapping,
-)
 from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.exr import exr_parts
 from blurmatte.files.lenses import intrinsics_to_mapping
-from blurmatte.files.models import model_to_json
+from blurmatte.files.models import (
+    model_to_json,
+    noise_to_mapping,
+    transfer_to_mapping,
+)
 from blurmatte.files.raster import save_jpeg, save_pixels
 from blurmatte.files.solutions import (
     CHANNELS,
+    save_stack,
     solution_header,
     solution_maps,
     solution_parts,
     solution_text,
 )
-from blurmatte.files.stacks import save_stack
 from blurmatte.files.trackers import tracker_formats
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer

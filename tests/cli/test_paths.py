@@ -10,7 +10,7 @@ from tests.commands import run
 from tests.scenes.texts import BALL
 
 import blurmatte as bm
-from blurmatte.cli.output_checks import check_ending
+from blurmatte.cli.paths import check_ending
 
 # Of files that are not there: only what is looked at first can be complained of.
 SOLVE = "a.png", "--plate", "b.png"
