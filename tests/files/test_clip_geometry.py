@@ -10,7 +10,7 @@ from blurmatte.files import read_frames
 from blurmatte.files.clip_geometry import orientation_of, siting_of
 from blurmatte.files.errors import check_square_pixels
 from blurmatte.radiometry import REC709, LinearImage
-from blurmatte.radiometry.video_filters import filter_graph
+from blurmatte.radiometry.coded import filter_graph
 from blurmatte.rendering import textured_plate
 
 NAMED = {

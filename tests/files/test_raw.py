@@ -18,8 +18,7 @@ from blurmatte.files import read, read_layer, read_solution, write
 from blurmatte.files.raw import _to_srgb
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors
-from blurmatte.radiometry.mosaic import demosaic
-from blurmatte.radiometry.orientation import exif_orientation
+from blurmatte.radiometry.sensor import demosaic, exif_orientation
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.streaks import find_streaks
 from blurmatte.trajectory import Trajectory

@@ -17,7 +17,7 @@ from blurmatte.files import read, read_layer
 from blurmatte.files.raster import save_pixels
 from blurmatte.jpeg import jpeg_bytes, read_jpeg
 from blurmatte.radiometry import SRGB
-from blurmatte.radiometry.orientation import exif_orientation
+from blurmatte.radiometry.sensor import exif_orientation
 
 EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 

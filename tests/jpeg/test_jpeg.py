@@ -15,8 +15,8 @@ from PIL import Image
 from scipy.fft import idctn
 
 from blurmatte.jpeg import JpegError, jpeg_bytes, read_jpeg, replace_blocks
+from blurmatte.jpeg.coding import huffman_codes, table_bytes
 from blurmatte.jpeg.coefficients import ZIGZAG, Component
-from blurmatte.jpeg.writing import huffman_codes, table_bytes
 
 
 def scene(width, height, seed=0):

@@ -16,7 +16,7 @@ import scipy
 
 from blurmatte.checks import Array, Floats
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry.color_space import Matrix3, hex_of_light, light_in_srgb, light_of_hex
+from blurmatte.radiometry.transfer import Matrix3, hex_of_light, light_in_srgb, light_of_hex
 from blurmatte.statistics import robust_std
 
 

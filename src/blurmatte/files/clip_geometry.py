@@ -17,8 +17,8 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.errors import FileError
-from blurmatte.radiometry.orientation import Orientation
-from blurmatte.radiometry.video_filters import filter_graph
+from blurmatte.radiometry.coded import filter_graph
+from blurmatte.radiometry.sensor import Orientation
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
 _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unknown

@@ -16,13 +16,13 @@ from blurmatte.files.clip_decoding import opened
 from blurmatte.files.clip_geometry import side_data_of
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
 from blurmatte.files.clip_times import Timing
-from blurmatte.radiometry.color_space import ycbcr_matrix
 from blurmatte.radiometry.compression import (
     BLOCK,
     CodingError,
     CodingErrors,
     quantization_variance,
 )
+from blurmatte.radiometry.transfer import ycbcr_matrix
 
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
 _FRAMES_IN_MEMORY = 4

@@ -30,11 +30,10 @@ from blurmatte.files.errors import check_size, check_square_pixels
 from blurmatte.files.icc import CICP_PRIMARIES, Profile, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, RgbCodes
-from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.radiometry.image import LinearImage, Meta
-from blurmatte.radiometry.orientation import Orientation
-from blurmatte.radiometry.transfer import REC709, Transfer
+from blurmatte.radiometry.sensor import Orientation
+from blurmatte.radiometry.transfer import LUMA_WEIGHTS, LUMA_WEIGHTS_709, REC709, Transfer
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma

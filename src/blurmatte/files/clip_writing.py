@@ -20,9 +20,9 @@ from blurmatte.files.clip_decoding import video_library
 from blurmatte.files.clip_reading import LIMITED_WHITE
 from blurmatte.files.encoding import H273
 from blurmatte.layer import Layer
+from blurmatte.radiometry.coded import rec709_converter
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import REC709, SRGB
-from blurmatte.radiometry.video_filters import rec709_converter
 
 _ALPHA_WHITE = 1023  # FFmpeg's encoder of ProRes takes 10 bits
 # The finest quantization at any bit rate; Apple's programs check the vendor.

@@ -20,8 +20,8 @@ from blurmatte.errors import FileError
 from blurmatte.files.documents import DocumentError, numbers, parse_json
 from blurmatte.files.errors import VALID, VARIANCE
 from blurmatte.files.raster import Raster
-from blurmatte.radiometry.color_space import light_in_srgb
 from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.transfer import light_in_srgb
 
 _CAMERA, _LAYERS = "blurmatte:camera", "blurmatte:light"
 

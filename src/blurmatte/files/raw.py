@@ -26,11 +26,17 @@ from blurmatte.errors import FileError
 from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.exif import TiffTag
 from blurmatte.formats import MAX_PIXELS
-from blurmatte.radiometry.color_space import Matrix3
 from blurmatte.radiometry.image import LinearImage, Meta
-from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
 from blurmatte.radiometry.noise_model import NoiseModel
-from blurmatte.radiometry.orientation import exif_orientation
+from blurmatte.radiometry.sensor import (
+    Pattern,
+    demosaic,
+    exif_orientation,
+    sees_all_colors,
+    tiled,
+    variance_shares,
+)
+from blurmatte.radiometry.transfer import Matrix3
 
 Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]

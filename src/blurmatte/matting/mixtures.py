@@ -24,7 +24,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.matting.calibration import GRADE_LIMITS
 from blurmatte.matting.case import Case
 from blurmatte.matting.maps import Grade
-from blurmatte.radiometry.color_space import Matrix3
+from blurmatte.radiometry.transfer import Matrix3
 
 _WINDOW_PX = 3  # width of windows: single pixels decide nothing
 _MIN_WINDOWS = 12  # of a streak whose mixtures are compared

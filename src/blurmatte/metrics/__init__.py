@@ -4,13 +4,13 @@ The estimate comes first and the truth second. The streak is where the true alph
 argument raises ValueError or TypeError: another size, numbers that are not finite, no streak.
 """
 
+from blurmatte.metrics.alpha import Calibration as Calibration
 from blurmatte.metrics.alpha import alpha_gradient_error as alpha_gradient_error
 from blurmatte.metrics.alpha import alpha_rmse as alpha_rmse
 from blurmatte.metrics.alpha import alpha_sad as alpha_sad
 from blurmatte.metrics.alpha import alpha_sum_bias as alpha_sum_bias
+from blurmatte.metrics.alpha import calibration as calibration
 from blurmatte.metrics.alpha import false_alpha as false_alpha
-from blurmatte.metrics.calibration import Calibration as Calibration
-from blurmatte.metrics.calibration import calibration as calibration
 from blurmatte.metrics.color import ColorDistance as ColorDistance
 from blurmatte.metrics.color import color_distance as color_distance
 from blurmatte.metrics.color import premultiplied_rmse as premultiplied_rmse

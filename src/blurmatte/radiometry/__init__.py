@@ -1,10 +1,5 @@
 """Code values of files ⇄ linear light, and the noise of linear light."""
 
-from blurmatte.radiometry.color_space import LUMA_WEIGHTS as LUMA_WEIGHTS
-from blurmatte.radiometry.color_space import YCBCR as YCBCR
-from blurmatte.radiometry.color_space import hex_of_light as hex_of_light
-from blurmatte.radiometry.color_space import light_in_srgb as light_in_srgb
-from blurmatte.radiometry.color_space import light_of_hex as light_of_hex
 from blurmatte.radiometry.compression import CodingError as CodingError
 from blurmatte.radiometry.compression import Compression as Compression
 from blurmatte.radiometry.image import LinearImage as LinearImage
@@ -20,9 +15,14 @@ from blurmatte.radiometry.noise_model import Noise as Noise
 from blurmatte.radiometry.noise_model import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise_model import rounding_variance as rounding_variance
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
+from blurmatte.radiometry.transfer import LUMA_WEIGHTS as LUMA_WEIGHTS
 from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB
+from blurmatte.radiometry.transfer import YCBCR as YCBCR
 from blurmatte.radiometry.transfer import Transfer as Transfer
 from blurmatte.radiometry.transfer import gamma as gamma
+from blurmatte.radiometry.transfer import hex_of_light as hex_of_light
+from blurmatte.radiometry.transfer import light_in_srgb as light_in_srgb
+from blurmatte.radiometry.transfer import light_of_hex as light_of_hex
 from blurmatte.radiometry.transfer import named_transfer as named_transfer
 from blurmatte.radiometry.transfer import nearest_transfer as nearest_transfer

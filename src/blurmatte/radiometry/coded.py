@@ -1,4 +1,4 @@
-"""CodedFrame: a frame of a clip as code values, with its light on demand.
+"""CodedFrame: a frame of a clip as code values, with its light on demand; and FFmpeg's filters.
 
 Most frames of a long clip show nothing new: they are compared with the plate as code values, and only
 the boxes in which something moved become light.
@@ -6,7 +6,8 @@ the boxes in which something moved become light.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from fractions import Fraction
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,11 @@ from blurmatte.radiometry.compression import CodingErrors
 from blurmatte.radiometry.image import LinearImage, part_of
 
 Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
+# 4:2:0 shares the chroma of two columns at the left one: players and cameras assume this where it is
+# not stated (ITU-T H.264, figure E-1). FFmpeg alone would put it between the columns.
+_TO_BT709 = (
+    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,3 +140,21 @@ def in_codes_of(frames: Sequence[LinearImage], picture: LinearImage) -> CodedFra
     if isinstance(frames, CodedSequence):
         return frames.as_codes(picture)
     return coded(-1, picture)
+
+
+def filter_graph(frame: Any, *filters: tuple[str, str]) -> Any:
+    """A graph of named filters with their options for frames like this `VideoFrame`."""
+    from av.filter import Graph
+
+    graph = Graph()
+    source = graph.add_buffer(
+        width=frame.width, height=frame.height, format=frame.format, time_base=Fraction(1)
+    )
+    parts = (source, *(graph.add(*one) for one in filters), graph.add("buffersink"))
+    graph.link_nodes(*parts).configure()
+    return graph
+
+
+def rec709_converter(frame: Any, pixels: str) -> Any:
+    """A graph that converts R'G'B' frames like this one to Y'CbCr of Rec. 709."""
+    return filter_graph(frame, ("scale", _TO_BT709), ("format", pixels))

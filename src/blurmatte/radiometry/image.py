@@ -25,10 +25,9 @@ from blurmatte.checks import (
 )
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
-from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
 from blurmatte.radiometry.compression import Compression, FrameCoding
 from blurmatte.radiometry.noise_model import Noise, NoiseModel
-from blurmatte.radiometry.transfer import LINEAR, Transfer
+from blurmatte.radiometry.transfer import LINEAR, Matrix3, Transfer, light_in_srgb
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from blurmatte.rendering.ball import Ball as Ball
 from blurmatte.rendering.ball import render_flight as render_flight
 from blurmatte.rendering.camera import Camera as Camera
 from blurmatte.rendering.codes import encode_codes as encode_codes
+from blurmatte.rendering.codes import through_h264 as through_h264
 from blurmatte.rendering.flat_bodies import Cube as Cube
 from blurmatte.rendering.flat_bodies import Sheet as Sheet
 from blurmatte.rendering.flat_bodies import Sprite as Sprite
@@ -34,4 +35,3 @@ from blurmatte.rendering.scene import Shadow as Shadow
 from blurmatte.rendering.shot import Drift as Drift
 from blurmatte.rendering.shot import Shot as Shot
 from blurmatte.rendering.shot import photograph_pair as photograph_pair
-from blurmatte.rendering.video import through_h264 as through_h264

@@ -8,7 +8,7 @@ import scipy
 from blurmatte.checks import Codes, Floats, check_light, check_not_negative
 from blurmatte.jpeg import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
-from blurmatte.radiometry.mosaic import variance_shares
+from blurmatte.radiometry.sensor import variance_shares
 from blurmatte.rendering.codes import (
     CHROMAS,
     FULL_CHROMA,

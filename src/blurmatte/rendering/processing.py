@@ -12,7 +12,7 @@ import scipy
 
 from blurmatte.checks import Array, Floats, check_light, check_not_negative, check_positive
 from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, NoiseModel
-from blurmatte.radiometry.mosaic import demosaic, tiled
+from blurmatte.radiometry.sensor import demosaic, tiled
 
 Rng = int | np.random.Generator
 

@@ -21,8 +21,8 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import SRGB, LinearImage, Transfer
-from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
 from blurmatte.radiometry.compression import BLOCK, lost_change
+from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
 from blurmatte.statistics import cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import Candidate

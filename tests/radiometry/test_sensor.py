@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.radiometry.mosaic import demosaic, tiled, variance_shares
+from blurmatte.radiometry.sensor import demosaic, tiled, variance_shares
 
 PATTERNS = {
     "RGGB": [[0, 1], [1, 2]],
