@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.deblurring.gaussian import fit_gaussian, fit_strength
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import gradient_prior, posterior, summed
+from blurmatte.deblurring.priors import fit_gaussian, fit_strength
 from blurmatte.deblurring.view import View
 
 

@@ -11,12 +11,11 @@ from tests.scenes import noisy, photographed, rendered
 
 import blurmatte as bm
 from blurmatte.deblurring import sphere_kernel, spin_fit
-from blurmatte.deblurring.gaussian import fit_strength
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.normal_equations import gradient_prior
 from blurmatte.deblurring.operator import blur_operator, poses_of
+from blurmatte.deblurring.priors import fit_strength
 from blurmatte.deblurring.refine import explained, scores, with_curvature
-from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import harmonics
 from blurmatte.deblurring.spin_search import Search, rotation_grid
 from blurmatte.deblurring.view import View

@@ -10,8 +10,8 @@ import pytest
 from tests.ui.programs import dying, is_alive, program, wait_for
 
 import blurmatte.ui.session
+from blurmatte.ui.processes import INTERRUPT, READY, Ended, Line, Step
 from blurmatte.ui.session import FREE_BYTES, JobState, RefusedError, Session, kind_of
-from blurmatte.ui.worker import INTERRUPT, READY, Ended, Line, Step
 
 DEVICES = ["CON", "nul.png", "COM1.txt", "lpt9", "aux.tar.gz"]
 

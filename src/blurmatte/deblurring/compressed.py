@@ -38,12 +38,10 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.deblurring.differences import Differences
-from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.normal_equations import Normal, NormalEquations, posterior
 from blurmatte.deblurring.operator import Blur
+from blurmatte.deblurring.priors import Bound, Differences, GaussianFit, traces
 from blurmatte.deblurring.refine import Explained
-from blurmatte.deblurring.sparse_prior import Bound, traces
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.sweep.model.chroma_subsampling import codes_before

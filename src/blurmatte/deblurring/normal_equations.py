@@ -22,9 +22,8 @@ import scipy
 
 from blurmatte.checks import Array
 from blurmatte.compiling import njit
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import FIELD_STD, Lattice, Sphere
 from blurmatte.deblurring.operator import Sparse
-from blurmatte.deblurring.sphere import FIELD_STD, Sphere
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,8 +22,7 @@ import scipy
 
 from blurmatte.checks import Array, Ints32
 from blurmatte.deblurring import sphere_kernel
-from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep

@@ -31,11 +31,10 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.deblurring.gaussian import GaussianFit, fit_gaussian, fit_strength, refit_strength
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import HARMONICS, Lattice, Sphere
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
 from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
-from blurmatte.deblurring.sphere import HARMONICS, Sphere
+from blurmatte.deblurring.priors import GaussianFit, fit_gaussian, fit_strength, refit_strength
 from blurmatte.deblurring.view import View
 from blurmatte.statistics import scaled_inverse
 

@@ -11,14 +11,12 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.deblurring.compressed import compressed_color
-from blurmatte.deblurring.differences import Differences
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import MAX_NODES, Lattice, Sphere
 from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
+from blurmatte.deblurring.priors import Differences, fit_smooth, fit_sparse
 from blurmatte.deblurring.refine import color_variance_inflation, explained, refined
 from blurmatte.deblurring.revise import revised
-from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse
-from blurmatte.deblurring.sphere import MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_fit import likelier_spin
 from blurmatte.deblurring.view import View, check_pictures_of

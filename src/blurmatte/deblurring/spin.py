@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array
-from blurmatte.deblurring.sphere import HARMONICS
+from blurmatte.deblurring.lattice import HARMONICS
 from blurmatte.sweep.sweep import Sweep
 
 AMBIGUITY = "the direction of time is unknown: reversing path and spin gives the same picture"

@@ -27,11 +27,9 @@ from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array
-from blurmatte.deblurring.differences import Differences
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import FIELD_STD, HARMONICS, MAX_NODES, Lattice, Sphere
+from blurmatte.deblurring.priors import Differences, log_determinant
 from blurmatte.deblurring.refine import Explained, explained, refined, scores
-from blurmatte.deblurring.sparse_prior import log_determinant
-from blurmatte.deblurring.sphere import FIELD_STD, HARMONICS, MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_search import (
     CONTRASTS,

@@ -23,6 +23,7 @@ import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.deblurring import sphere_kernel
+from blurmatte.deblurring.lattice import Sphere
 from blurmatte.deblurring.operator import (
     Entries,
     Seen,
@@ -32,7 +33,6 @@ from blurmatte.deblurring.operator import (
     seen_moments,
     sparse,
 )
-from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
 from blurmatte.descent import descended

@@ -16,7 +16,7 @@ import scipy
 
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.normal_equations import NormalEquations
 from blurmatte.deblurring.operator import (
     MAX_STEP_PX,
@@ -26,7 +26,6 @@ from blurmatte.deblurring.operator import (
     poses_of,
     projected,
 )
-from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, check_picture
 from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means

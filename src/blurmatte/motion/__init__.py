@@ -18,12 +18,12 @@ from blurmatte.motion.clip.scatter import frame_scatter as frame_scatter
 from blurmatte.motion.clip.steps import measure_clip as measure_clip
 from blurmatte.motion.clip.steps import solve_clip as solve_clip
 from blurmatte.motion.clip.workers import Workers as Workers
+from blurmatte.motion.picture.measure import EndSilhouettes as EndSilhouettes
+from blurmatte.motion.picture.measure import end_silhouettes as end_silhouettes
 from blurmatte.motion.picture.measure import measure_motion as measure_motion
 from blurmatte.motion.picture.motion import Motion as Motion
 from blurmatte.motion.picture.motion import Scale as Scale
 from blurmatte.motion.picture.motion import Speed as Speed
-from blurmatte.motion.picture.outlines import EndSilhouettes as EndSilhouettes
-from blurmatte.motion.picture.outlines import end_silhouettes as end_silhouettes
 from blurmatte.motion.space.ball import fit_ball as fit_ball
 from blurmatte.motion.space.ball import measure_ball as measure_ball
 from blurmatte.motion.space.ball_motion import BallMotion as BallMotion

@@ -5,5 +5,5 @@ processes of its own end with it: the worker (`worker`) runs the lines, the view
 pictures for the page.
 """
 
+from blurmatte.ui.processes import Program as Program
 from blurmatte.ui.session import Session as Session
-from blurmatte.ui.worker import Program as Program

@@ -19,10 +19,21 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NoReturn
 
 from blurmatte.formats import Holds, format_at
-from blurmatte.ui.helper import Helper
 from blurmatte.ui.private_folder import PrivateFolder, delete_left_folders
-from blurmatte.ui.viewer import Looked, Question, look
-from blurmatte.ui.worker import INTERRUPT, READY, Ended, Line, Program, Said, Step, work
+from blurmatte.ui.processes import (
+    INTERRUPT,
+    READY,
+    Ended,
+    Helper,
+    Line,
+    Looked,
+    Program,
+    Question,
+    Said,
+    Step,
+    look,
+    work,
+)
 
 MAX_UPLOAD_BYTES = 20 << 30  # of one dropped file
 FREE_BYTES = 2 << 30  # of the disk, which dropped files leave

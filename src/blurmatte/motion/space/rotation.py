@@ -20,8 +20,13 @@ from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.picture.error_budget import OverExposure, by_axis, check_exposure
 from blurmatte.motion.space.rotation_blades import Blades
-from blurmatte.motion.space.rotation_ring import NO_VARIATION, blades_of, pixels_at, ring_around
-from blurmatte.motion.space.rotation_start import starts
+from blurmatte.motion.space.rotation_ring import (
+    NO_VARIATION,
+    blades_of,
+    pixels_at,
+    ring_around,
+    starts,
+)
 from blurmatte.statistics import variance_inflation
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 

@@ -13,9 +13,8 @@ from tests.scenes import rendered
 import blurmatte as bm
 from blurmatte.background.guess import guess_behind
 from blurmatte.rendering import Ball, Scene, colorful_plate
-from blurmatte.ui.helper import _alone
 from blurmatte.ui.pictures import TILE, ShownPictures, _halved
-from blurmatte.ui.viewer import Question, look
+from blurmatte.ui.processes import Question, _alone, look
 
 RNG = np.random.default_rng(5)
 

@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.deblurring.differences import Differences
-from blurmatte.deblurring.gaussian import fit_gaussian
-from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.normal_equations import NormalEquations
-from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse, traces
-from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.priors import Differences, fit_gaussian, fit_smooth, fit_sparse, traces
 from blurmatte.deblurring.view import View
 
 from .test_normal_equations import dense
