@@ -9,7 +9,7 @@ from PIL import Image
 
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.jpeg.coding import compression_of, read_jpeg
-from blurmatte.jpeg.coefficients import ZIGZAG
+from blurmatte.jpeg.structure import ZIGZAG
 from blurmatte.radiometry import YCBCR
 
 SAMPLINGS = "4:4:4", "4:2:2", "4:2:0"

@@ -16,7 +16,7 @@ from scipy.fft import idctn
 
 from blurmatte.jpeg import JpegError, jpeg_bytes, read_jpeg, replace_blocks
 from blurmatte.jpeg.coding import huffman_codes, table_bytes
-from blurmatte.jpeg.coefficients import ZIGZAG, Component
+from blurmatte.jpeg.structure import ZIGZAG, Component
 
 
 def scene(width, height, seed=0):

@@ -9,7 +9,7 @@ from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.pyramid import BORDER, CellEvidence
 from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
-from blurmatte.rendering.codes import subsample_chroma
+from blurmatte.rendering.processing import subsample_chroma
 
 SHAPE = (48, 64)
 NOISE = NoiseModel(read_std=0.003)

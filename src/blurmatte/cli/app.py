@@ -59,7 +59,7 @@ _SECTIONS = {
         "info": "pictures",
         "ui": "page",
     },
-    "Before you start": {"plate": "plates", "calibrate": "calibration"},
+    "Before you start": {"plate": "preparing", "calibrate": "preparing"},
     "Scenes with a known truth": {"render": "scenes", "score": "scenes"},
 }
 _MODULES = {name: module for names in _SECTIONS.values() for name, module in names.items()}

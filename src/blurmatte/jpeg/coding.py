@@ -12,15 +12,18 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Codes8, box_of
 from blurmatte.jpeg import entropy
-from blurmatte.jpeg.coefficients import (
+from blurmatte.jpeg.structure import (
     MAX_CODE_BITS,
     ZIGZAG,
     Jpeg,
     JpegError,
+    Marker,
+    Scan,
+    Segments,
     block_numbers,
+    is_rgb,
     scan_order,
 )
-from blurmatte.jpeg.segments import Marker, Scan, Segments, is_rgb
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.sensor import Orientation
 

@@ -8,10 +8,9 @@ import numpy as np
 from blurmatte.background import Matching, PlateGuess, agreement, fit_match
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
-from blurmatte.color.color_projection import streak_of_color
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
-from blurmatte.color.streak import check_not_gray
+from blurmatte.color.streak import check_not_gray, streak_of_color
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.case import Answer, Case, Pictures, Solver
@@ -26,7 +25,7 @@ from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, n
 from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
-from blurmatte.streaks.outliers import without_outliers
+from blurmatte.streaks.evidence import without_outliers
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.fitting_size import FittingSize

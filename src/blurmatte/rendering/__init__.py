@@ -3,8 +3,6 @@
 from blurmatte.rendering.ball import Ball as Ball
 from blurmatte.rendering.ball import render_flight as render_flight
 from blurmatte.rendering.camera import Camera as Camera
-from blurmatte.rendering.codes import encode_codes as encode_codes
-from blurmatte.rendering.codes import through_h264 as through_h264
 from blurmatte.rendering.flat_bodies import Cube as Cube
 from blurmatte.rendering.flat_bodies import Sheet as Sheet
 from blurmatte.rendering.flat_bodies import Sprite as Sprite
@@ -26,6 +24,8 @@ from blurmatte.rendering.pose import Pose as Pose
 from blurmatte.rendering.pose import path_in_depth as path_in_depth
 from blurmatte.rendering.processing import Processing as Processing
 from blurmatte.rendering.processing import add_noise as add_noise
+from blurmatte.rendering.processing import encode_codes as encode_codes
+from blurmatte.rendering.processing import through_h264 as through_h264
 from blurmatte.rendering.render import Rendering as Rendering
 from blurmatte.rendering.render import render as render
 from blurmatte.rendering.scene import Body as Body

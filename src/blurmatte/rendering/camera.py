@@ -9,18 +9,22 @@ from blurmatte.checks import Codes, Floats, check_light, check_not_negative
 from blurmatte.jpeg import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.sensor import variance_shares
-from blurmatte.rendering.codes import (
+from blurmatte.rendering.coverage import disc_kernel
+from blurmatte.rendering.processing import (
+    BAYER,
     CHROMAS,
     FULL_CHROMA,
+    Processing,
+    Rng,
     check_8_bit_codes,
     check_bits,
     from_jpeg,
+    noisy,
     rounded,
     subsample_chroma,
+    through_mosaic,
     to_jpeg,
 )
-from blurmatte.rendering.coverage import disc_kernel
-from blurmatte.rendering.processing import BAYER, Processing, Rng, noisy, through_mosaic
 
 _NO_NOISE = NoiseModel()
 _NO_PROCESSING = Processing()

@@ -1,22 +1,44 @@
-"""In a camera: photon and read noise, the color filter array, and processing of code values.
+"""In a camera: noise, color filters, processing of code values, and their compression.
 
 Phones reduce noise, apply a tone curve and sharpen. In this file `values` are R'G'B' code values 0…1,
-(H, W, 3). None of the three steps is linear in light, and the file does not record them: decoding it
-as sRGB does not recover the light.
+(H, W, 3), and `codes` are the integers of a file. None of the three steps is linear in light, and the
+file does not record them: decoding it as sRGB does not recover the light.
+
+For a clip R'G'B' is converted to Y'CbCr with the matrix and limited range of Rec. 709, 8 bits, and
+4:2:0 with chroma sited at the left column (ITU-T H.264, figure E-1). The transfer curve is left to the
+caller.
 """
 
+import io
+from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Floats, check_light, check_not_negative, check_positive
-from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, NoiseModel
+from blurmatte.checks import (
+    Array,
+    Codes,
+    Codes8,
+    Floats,
+    check_light,
+    check_not_negative,
+    check_positive,
+)
+from blurmatte.errors import BlurmatteError
+from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, YCBCR, NoiseModel, Transfer
+from blurmatte.radiometry.coded import rec709_converter
 from blurmatte.radiometry.sensor import demosaic, tiled
 
 Rng = int | np.random.Generator
 
 BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
+FULL_CHROMA = "4:4:4"
+CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
+_RATE = Fraction(30)  # frames per second; the rate control of a constant crf depends on it
 
 
 @dataclass(frozen=True)
@@ -137,3 +159,176 @@ def through_mosaic(light: Floats) -> Floats:
         raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
     seen = tiled(BAYER, light.shape[:2])[..., None]
     return demosaic(np.take_along_axis(light, seen, axis=2)[..., 0], BAYER)
+
+
+def encode_codes(light: Floats, bits: int, transfer: Transfer = SRGB) -> Codes:
+    """Encode linear `light` of any shape as rounded and clipped integer code values.
+
+    The codes are those of `Camera.expose`: 10 and 12 bits fill the range of uint16.
+    """
+    check_bits(bits)
+    return rounded(transfer.encode(light), bits)
+
+
+def check_bits(bits: int) -> None:
+    """Raise ValueError unless `bits` is a supported bit depth."""
+    if bits not in (8, 10, 12, 16):
+        raise ValueError(f"bits must be 8, 10, 12 or 16, got {bits}")
+
+
+def check_8_bit_codes(codes: Codes) -> None:
+    """Raise TypeError unless `codes` is (H, W, 3) uint8."""
+    if codes.dtype != np.uint8 or codes.ndim != 3 or codes.shape[2] != 3:
+        raise TypeError(f"codes must be (H, W, 3) uint8, got {codes.shape} {codes.dtype}")
+
+
+def rounded(values: Floats, bits: int) -> Codes:
+    """Round values 0…1 to the steps of `bits`, then scale to uint8 (8 bits) or uint16."""
+    steps = 2**bits - 1
+    codes: Floats = np.rint(steps * np.clip(values, 0, 1))
+    if bits == 8:
+        return codes.astype(np.uint8)
+    codes = np.rint(codes * (65535 / steps))
+    return codes.astype(np.uint16)
+
+
+def subsample_chroma(values: Floats, chroma: str, steps: int) -> Floats:
+    """Code values after chroma subsampling, as in uncompressed video.
+
+    Cb and Cr are averaged over each pair or block, all three components are rounded to `steps` steps,
+    and chroma is interpolated linearly between the block centers. The result may leave 0…1 slightly.
+    """
+    Y, Cb, Cr = np.moveaxis(values @ YCBCR.T, -1, 0)
+    parts = _quantized(Y, steps), *(_subsampled(c, chroma, steps) for c in (Cb, Cr))
+    return np.asarray(np.stack(parts, axis=-1) @ np.linalg.inv(YCBCR).T)
+
+
+def _quantized(x: Floats, steps: int) -> Floats:
+    return np.asarray(np.rint(steps * x) / steps)
+
+
+def _subsampled(x: Floats, chroma: str, steps: int) -> Floats:
+    """Average over blocks, round, and interpolate between the block centers."""
+    shape = x.shape
+    for axis in CHROMAS[chroma]:
+        x = _halved(x, axis)
+    x = _quantized(x, steps)
+    for axis in CHROMAS[chroma]:
+        x = _doubled(x, axis, shape[axis])
+    return x
+
+
+def _halved(x: Floats, axis: int) -> Floats:
+    """Averages of pairs along `axis`; the last value of an odd count has no partner."""
+    first, second = np.arange(0, x.shape[axis], 2), np.arange(1, x.shape[axis] + 1, 2)
+    pairs = x.take(first, axis) + x.take(second, axis, mode="clip")
+    return np.asarray(pairs / 2)
+
+
+def _doubled(x: Floats, axis: int, count: int) -> Floats:
+    """`count` values along `axis`, each a quarter of a step from its pair's center."""
+    own = np.arange(count) // 2
+    other = own + np.where(np.arange(count) % 2, 1, -1)
+    return np.asarray(0.75 * x.take(own, axis) + 0.25 * x.take(other, axis, mode="clip"))
+
+
+def to_jpeg(codes: npt.NDArray[np.unsignedinteger], quality: int, chroma: str) -> bytes:
+    """Encode (H, W, 3) uint8 sRGB codes as a JPEG file that is tagged as sRGB."""
+    from PIL import Image
+    from PIL.ExifTags import IFD, Base
+
+    exif = Image.Exif()
+    exif.get_ifd(IFD.Exif)[Base.ColorSpace] = 1  # sRGB
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", quality=quality, subsampling=chroma, exif=exif)
+    return file.getvalue()
+
+
+def from_jpeg(file: bytes) -> Codes8:
+    """Decode a JPEG file to (H, W, 3) codes."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(file)) as picture:
+        return np.array(picture)
+
+
+def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
+    """Encode R'G'B' codes (H, W, 3) as one H.264 clip, yuv420p and Rec. 709, and decode its frames.
+
+    Odd sizes are padded by repeating the last row or column. The result is deterministic. `crf` is the
+    constant rate factor of x264, 0…51: 17 is almost invisible, 23 the default, 35 coarse. Raises
+    BlurmatteError if PyAV is missing.
+    """
+    if not pictures:
+        raise ValueError("pictures must be one or more, got none")
+    for codes in pictures:
+        check_8_bit_codes(codes)
+        if codes.shape != pictures[0].shape:
+            raise ValueError(
+                f"pictures must have one size, got {pictures[0].shape} and {codes.shape}"
+            )
+    check_crf(crf)
+    height, width = pictures[0].shape[:2]
+    return [frame[:height, :width] for frame in _decoded(_encoded(pictures, crf))]
+
+
+def check_crf(crf: float) -> None:
+    """Raise ValueError unless `crf` is a constant rate factor of x264."""
+    if not 0 <= crf <= 51:
+        raise ValueError(f"crf must lie between 0 and 51, got {crf}")
+
+
+def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
+    """Encode pictures as an MP4 file."""
+    av = _video_library()
+    from av.video.reformatter import ColorRange
+
+    height, width = pictures[0].shape[:2]
+    even = (0, height % 2), (0, width % 2), (0, 0)
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp4") as target:
+        # One thread: the rate control depends on the number of threads.
+        stream = target.add_stream("libx264", rate=_RATE, options={"crf": str(crf), "threads": "1"})
+        stream.pix_fmt = "yuv420p"
+        stream.height, stream.width = height + height % 2, width + width % 2
+        context = stream.codec_context
+        # Rec. 709 in ITU-T H.273
+        context.color_primaries = context.color_trc = context.colorspace = 1
+        context.color_range = ColorRange.MPEG
+        sources = [
+            av.VideoFrame.from_ndarray(np.pad(codes, even, mode="edge"), format="rgb24")
+            for codes in pictures
+        ]
+        converter = rec709_converter(sources[0], stream.pix_fmt)
+        for number, source in enumerate(sources):
+            source.pts, source.time_base = number, 1 / _RATE
+            converter.push(source)
+            frame: Any = converter.pull()
+            frame.pts, frame.time_base = number, 1 / _RATE
+            target.mux(stream.encode(frame))
+        target.mux(stream.encode())
+    return file.getvalue()
+
+
+def _decoded(file: bytes) -> list[Codes8]:
+    """R'G'B' codes of all frames, decoded with the file's matrix, range and chroma siting."""
+    av = _video_library()
+    from av.video.reformatter import Interpolation
+
+    # The default flags round codes down and repeat chroma instead of interpolating it.
+    flags = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
+    with av.open(io.BytesIO(file)) as clip:
+        stream = clip.streams.video[0]
+        stream.codec_context.thread_count = 1
+        frames = clip.decode(stream)
+        return [f.reformat(format="rgb24", interpolation=flags).to_ndarray() for f in frames]
+
+
+def _video_library() -> Any:
+    try:
+        import av
+    except ImportError as error:
+        raise BlurmatteError(
+            "H.264 needs one package more: pip install 'blurmatte[video]'; or take a JPEG"
+        ) from error
+    return av

@@ -8,8 +8,7 @@ import scipy
 from blurmatte.checks import Floats, check_kind, check_light, check_same_size
 from blurmatte.radiometry import LinearImage, decode
 from blurmatte.rendering.camera import Camera
-from blurmatte.rendering.codes import check_crf, through_h264
-from blurmatte.rendering.processing import Rng
+from blurmatte.rendering.processing import Rng, check_crf, through_h264
 from blurmatte.rendering.render import Rendering
 from blurmatte.rendering.scene import Scene, check_scene
 

@@ -25,8 +25,8 @@ from blurmatte.streaks.evidence import (
     SURE,
     evidence,
     light_change,
+    without_outliers,
 )
-from blurmatte.streaks.outliers import without_outliers
 from blurmatte.streaks.streak import Streak, cells_to_pixels, dilated, expected_false, opened
 
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction

@@ -7,13 +7,13 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Bools, Box, Floats, Floats32, rows_columns
-from blurmatte.color.color_projection import (
+from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import may_be_shadow
+from blurmatte.color.streak import (
     projected_energy,
     projection_vectors,
     projection_weights,
 )
-from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, dilated, find_streaks, opened
 

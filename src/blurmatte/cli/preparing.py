@@ -1,7 +1,9 @@
-"""The commands that measure a camera: calibrate noise and calibrate response."""
+"""The commands that prepare: plate, and calibrate of noise and response."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -9,10 +11,28 @@ from typing import Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
-from blurmatte.cli.console import about, answer, argument, option, output, waiting
-from blurmatte.cli.paths import ROWS, check_file, check_plot, expanded
-from blurmatte.cli.quantities import box, number
-from blurmatte.cli.selection import Reading
+from blurmatte.cli.console import (
+    about,
+    answer,
+    argument,
+    by,
+    option,
+    output,
+    waiting,
+    with_progress,
+)
+from blurmatte.cli.paths import (
+    PICTURE,
+    ROWS,
+    check_ending,
+    check_file,
+    check_folder,
+    check_outputs,
+    check_plot,
+    expanded,
+)
+from blurmatte.cli.quantities import box, frame_range, number
+from blurmatte.cli.selection import Clip, FrameRange, Out, Reading
 from blurmatte.formats import MAX_PIXELS
 
 Pictures = Annotated[list[str], argument("PICTURE", f"Of one still scene: {ROWS}.")]
@@ -120,3 +140,46 @@ def _seconds(text: str) -> list[float]:
         return [number(part) for part in text.split(",")]
     except ValueError:
         raise ValueError(f"--exposures must be seconds like 1/60,1/15,0.5, got {text!r}") from None
+
+
+@command(
+    "plate rally.mp4 -o plate.exr",
+    "plate rally.mp4 -o plate.exr --frames 12.5s:30s:2",
+)
+def plate(
+    source: Clip,
+    out: Out,
+    reading: Reading,
+    frames: FrameRange = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make a plate from CLIP: the scene without moving objects.
+
+    As .exr it keeps its error. A sheet to look at is written next to it, as NAME_overview.png.
+    """
+    from blurmatte.results import plate_files
+
+    frame_range("--frames", frames)
+    reading.curve  # noqa: B018  # refuses an unknown name
+    check_ending(out, "a plate", *PICTURE)
+    check_folder(out.parent)
+    check_outputs(*plate_files(out))
+    with about(Path(source[0])):
+        fit = bm.make_plate(_watched(reading.frames(source, frames)))
+    with about(out):
+        written = bm.results.save_plate(out, fit)
+    words, count, size = bm.explain(fit), len(fit.gain), fit.plate.size
+    numbers = {"frames": count, "size": size, "in_words": words, "files": written}
+    answer(as_json, numbers, [f"plate of {count} frames, {by(size)}", *words, *written])
+
+
+def _watched(frames: bm.Frames[bm.LinearImage]) -> bm.Frames[bm.LinearImage]:
+    """The same frames, with a progress bar for each pass."""
+    if not sys.stderr.isatty():
+        return frames
+
+    def load(numbers: range) -> Iterator[bm.LinearImage]:
+        """Frames of these numbers, with a progress bar."""
+        yield from with_progress(frames.load(numbers), "reading", len(numbers))
+
+    return replace(frames, load=load)
