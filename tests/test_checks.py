@@ -9,6 +9,7 @@ from tests.scenes import rendered
 import blurmatte as bm
 from blurmatte.checks import (
     as_array,
+    box_of,
     check_box,
     check_finite,
     check_kind,
@@ -17,6 +18,7 @@ from blurmatte.checks import (
     check_points,
     check_same_size,
     enclosing,
+    grown,
     rows_columns,
 )
 from blurmatte.metrics import alpha_rmse
@@ -356,6 +358,14 @@ def test_a_box_is_a_part_of_arrays_and_boxes_have_an_enclosing_one():
     assert_array_equal(part[rows_columns(box, whole)], picture[rows_columns(box)])
     assert enclosing([box, (0, 3, 3, 6), (4, 2, 8, 3)]) == (0, 1, 8, 6)
     assert enclosing([box]) == box
+
+
+def test_the_box_of_a_mask_grows_to_the_border_of_the_picture():
+    mask = np.zeros((6, 8), bool)
+    mask[1, 4] = mask[3, 2] = True
+    assert box_of(mask) == (2, 1, 5, 4)
+    assert grown(box_of(mask), 1, (8, 6)) == (1, 0, 6, 5)
+    assert grown(box_of(mask), 4, (8, 6)) == (0, 0, 8, 6)
 
 
 def test_numbers_of_eight_bits_are_refused():

@@ -47,6 +47,18 @@ def box_of(mask: Bools) -> Box:
     return int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1
 
 
+def grown(box: Box, margin: int, size: tuple[int, int]) -> Box:
+    """A box with a margin on each side, cut at the border of a picture of a size (width, height)."""
+    x0, y0, x1, y1 = box
+    width, height = size
+    return (
+        max(x0 - margin, 0),
+        max(y0 - margin, 0),
+        min(x1 + margin, width),
+        min(y1 + margin, height),
+    )
+
+
 def enclosing(boxes: Iterable[Box]) -> Box:
     """The smallest box around one or more boxes."""
     x0, y0, x1, y1 = zip(*boxes, strict=True)

@@ -8,21 +8,19 @@ scenes that agree with the surroundings do.
 import numpy as np
 import scipy
 
-from blurmatte.background.guess import PlateGuess, guess_plate
-from blurmatte.checks import Array, Bools, Box, box_of, rows_columns
+from blurmatte.background.guess import RIM_PX, PlateGuess, guess_plate
+from blurmatte.checks import Array, Bools, Box, box_of, grown, rows_columns
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_picture
-from blurmatte.statistics import QUANTILE_999_3, block_sums
+from blurmatte.statistics import MAD_TO_STD, QUANTILE_999_3, block_sums
 
 _CELLS = 64  # of the longer side of a picture
 _DEGREE = 4  # of the polynomial: light of lamps and windows on walls, skies and tables
 _ROUNDS = 30  # of robust weights
 _BISQUARE = 4.7  # residuals beyond so many standard deviations have no weight [Beaton, Tukey 1974]
-_MAD_TO_STD = 1.4826
 _MOST = 5  # candidates, the largest evidence first
 _MAX_SHARE = 0.25  # of the picture that one candidate may cover: around it the scene is seen
 _MARGIN_PX = 8  # around a candidate
-_RIM_PX = 4  # around what differs from the guess: the faintest rim of the object
 _MIN_RATIO = 9.0  # of squared differences, of the picture and of draws: three standard deviations
 _FEW_CELLS = 2  # smaller parts are noise
 
@@ -59,7 +57,7 @@ def regions_that_stand_out(image: LinearImage) -> list[Box]:
             continue
         ratio = _ratio(image, guess)
         if ratio > _MIN_RATIO:
-            found.append((ratio, _grown(box_of(guess.hidden), _RIM_PX, image)))
+            found.append((ratio, grown(box_of(guess.hidden), RIM_PX, image.size)))
     return _apart([box for _, box in sorted(found, reverse=True)])
 
 
@@ -85,20 +83,8 @@ def _candidates(image: LinearImage) -> list[Box]:
         x0, y0, x1, y1 = (
             cell * edge for edge in (columns.start, rows.start, columns.stop, rows.stop)
         )
-        boxes.append(_grown((x0, y0, x1, y1), margin, image))
+        boxes.append(grown((x0, y0, x1, y1), margin, image.size))
     return boxes[:_MOST]
-
-
-def _grown(box: Box, margin: int, image: LinearImage) -> Box:
-    """A box with a margin, inside the picture."""
-    x0, y0, x1, y1 = box
-    width, height = image.size
-    return (
-        max(x0 - margin, 0),
-        max(y0 - margin, 0),
-        min(x1 + margin, width),
-        min(y1 + margin, height),
-    )
 
 
 def _misfit(light: Array, known: Bools) -> Array:
@@ -116,7 +102,7 @@ def _misfit(light: Array, known: Bools) -> Array:
     for _ in range(_ROUNDS):
         root = np.sqrt(weight)[:, None]
         rest = values - basis @ np.linalg.lstsq(root * basis, root * values, rcond=None)[0]
-        std = _MAD_TO_STD * np.median(np.abs(rest), axis=0)
+        std = MAD_TO_STD * np.median(np.abs(rest), axis=0)
         z2 = ((rest / np.maximum(std, np.finfo(np.float32).eps)) ** 2).sum(axis=1)
         weight = np.maximum(1 - z2 / (rest.shape[1] * _BISQUARE**2), 0) ** 2
     result = np.zeros(known.shape)

@@ -11,7 +11,16 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools, Floats, Floats32, check_map, check_same_size
+from blurmatte.checks import (
+    Array,
+    Bools,
+    Floats,
+    Floats32,
+    box_of,
+    check_map,
+    check_same_size,
+    rows_columns,
+)
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import robust_std
@@ -109,10 +118,9 @@ def _changes(
 def noise_within(picture: LinearImage, region: Bools) -> Sample:
     """Residuals of an even region from a parabola in each tile; see `measure_noise_within`."""
     region = check_map("region", region, picture.valid.shape, kinds="b")
-    rows, columns = (np.flatnonzero(region.any(axis=axis)) for axis in (1, 0))
-    if len(rows) == 0:
+    if not region.any():
         raise ValueError("region must hold some pixels, got none")
-    place = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    place = rows_columns(box_of(region))
     use = _unclipped(picture, place) & region[place][..., None]
     require_pixels(use)
     light, e = np.asarray(picture.rgb[place], float), np.zeros(use.shape)

@@ -14,7 +14,7 @@ from typing import Self
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, check_kind, check_same_size
+from blurmatte.checks import Array, check_kind, check_same_size, grown
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.normal_equations import NormalEquations
@@ -104,9 +104,7 @@ class View(PixelBox):
         margin: int = 0,
     ) -> "View":
         """The box of a sweep, and a margin (pixels), in two pictures whose noise is known."""
-        (x0, y0, x1, y1), (width, height) = sweep.box, sweep.size
-        near = max(x0 - margin, 0), max(y0 - margin, 0)
-        box = (*near, min(x1 + margin, width), min(y1 + margin, height))
+        box = grown(sweep.box, margin, sweep.size)
         image, plate = image.crop(box), sweep.in_shadow(plate.crop(box), box)
         stored = StoredCodes.of(image)
         image = sweep.before_file(image, plate, box)

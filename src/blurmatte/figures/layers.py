@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.background import PlateFit
-from blurmatte.checks import Box, Codes8, check_kind, check_same_size, rows_columns
+from blurmatte.checks import Box, Codes8, check_kind, check_same_size, grown, rows_columns
 from blurmatte.compositing import Exposures
 from blurmatte.deblurring.sharp import Sharp
 from blurmatte.figures.drawing import (
@@ -141,8 +141,7 @@ def around(*layers: Layer) -> Box:
     if box is None:
         raise ValueError("both layers are empty: there is nothing to show")
     x0, y0, x1, y1 = box
-    rim, (width, height) = max(4, int(0.15 * max(x1 - x0, y1 - y0))), layers[0].size
-    return max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)
+    return grown(box, max(4, int(0.15 * max(x1 - x0, y1 - y0))), layers[0].size)
 
 
 def draw_look(thing: Shown) -> Codes8:

@@ -6,7 +6,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Floats, check_kind, check_light, check_map
+from blurmatte.checks import (
+    Bools,
+    Box,
+    Floats,
+    box_of,
+    check_kind,
+    check_light,
+    check_map,
+    rows_columns,
+)
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting.maps import Grade, PixelMaps, Quality
@@ -154,8 +163,7 @@ class Solution(Displayed):
         """Rows and columns of the bounding box of the streak; all if nothing moved."""
         if not self.streak.any():
             return slice(0, self.size[1]), slice(0, self.size[0])
-        y, x = (np.flatnonzero(self.streak.any(axis=axis)) for axis in (1, 0))
-        return slice(int(y[0]), int(y[-1]) + 1), slice(int(x[0]), int(x[-1]) + 1)
+        return rows_columns(box_of(self.streak))
 
     @cached_property
     def known(self) -> Bools:

@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from blurmatte.calibration.noise_pair import with_noise
-from blurmatte.checks import Array, Bools, Floats, check_kind, check_same_size
+from blurmatte.checks import Array, Bools, Floats, box_of, check_kind, check_same_size, rows_columns
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks.evidence import (
@@ -177,7 +177,7 @@ def _strong_parts(T: Floats) -> list[Bools]:
 def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
     """Mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
     rim, closing = RIM, CLOSING
-    (place,) = scipy.ndimage.find_objects(part.astype(np.int8))
+    place = rows_columns(box_of(part))
     joined = dilated(np.pad(part[place], rim), closing)
     grown = dilated(scipy.ndimage.binary_fill_holes(joined), rim - closing)
     cells = np.zeros([side + 2 * rim for side in part.shape], bool)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, Floats, box_of, check_kind, check_map, rows_columns
+from blurmatte.checks import Bools, Box, Floats, box_of, check_kind, check_map, grown, rows_columns
 
 MAX_EXPECTED = 0.05  # false streaks in a picture: a streak with fewer is significant
 _TILE_CELLS = 8, 32  # at least: T is correlated over fewer; at most
@@ -130,14 +130,8 @@ class Streak:
 
     def around(self, margin: int) -> Box:
         """The box with `margin` more pixels on each side, cut at the border of the picture."""
-        x0, y0, x1, y1 = self.box
         height, width = self.mask.shape
-        return (
-            max(0, x0 - margin),
-            max(0, y0 - margin),
-            min(width, x1 + margin),
-            min(height, y1 + margin),
-        )
+        return grown(self.box, margin, (width, height))
 
     @property
     def rows_columns(self) -> tuple[slice, slice]:

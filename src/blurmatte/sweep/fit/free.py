@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, box_of, rows_columns
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT, bic_penalty
@@ -126,11 +126,10 @@ class _Problem:
     @property
     def cropped(self) -> "_Problem":
         """The same without the rows and columns of cells around those that are allowed."""
-        rows, columns = (np.flatnonzero(self.allowed.any(axis=k)) for k in (1, 0))
-        if not len(rows):
+        if not self.allowed.any():
             return self
-        place = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        corner = self.corner + np.array([columns[0], rows[0]])
+        box = box_of(self.allowed)
+        place, corner = rows_columns(box), self.corner + np.array(box[:2])
         return replace(
             self, mask=self.mask[place].copy(), allowed=self.allowed[place], corner=corner
         )
@@ -253,11 +252,10 @@ class _Problem:
     def state(self, radius: float) -> State:
         """Its state, with errors; the radius is only a unit."""
         system = _System.of(self)
-        y, x = np.nonzero(self.mask)
-        low, high = np.array([y.min(), x.min()]), np.array([y.max(), x.max()])
-        cells = self.mask[low[0] : high[0] + 1, low[1] : high[1] + 1].round(4)
+        x0, y0, x1, y1 = box_of(self.mask != 0)
+        cells = self.mask[y0:y1, x0:x1].round(4)
         scale = self.observation.scale
-        middle = (low + high)[::-1] / 2 + self.corner
+        middle = np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2 + self.corner
         path = self.family.shifted(self.path, scale * middle)
         freedom, alpha_error = system.freedom, system.alpha_error
         shape, width = np.array([radius]), scale / radius
@@ -459,8 +457,8 @@ def _starts(
     middle = ends.mean(axis=0)
     for by in _LENGTHS:
         yield LINE, (middle + by * (ends - middle)).ravel(), color
-    y, x = np.nonzero(coarse.streak)
-    corners = np.array([[x.min(), y.min()], [x.max(), y.max()]]) * coarse.scale
+    x0, y0, x1, y1 = box_of(coarse.streak)
+    corners = np.array([[x0, y0], [x1 - 1, y1 - 1]]) * coarse.scale
     middle, size = corners.mean(axis=0) + np.array(coarse.origin), corners[1] - corners[0]
     for angle in np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS:
         along = np.array([np.cos(angle), np.sin(angle)])
