@@ -10,8 +10,6 @@ from tests.commands import complaint, good, run
 from tests.scenes import rendered
 
 import blurmatte as bm
-from blurmatte.cli import sharpening
-from blurmatte.radiometry import Meta
 from blurmatte.rendering import colorful_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep import Sweep
@@ -149,17 +147,6 @@ def test_spin_is_measured_and_used(folder, tmp_path):
     assert np.linalg.norm(turned - np.degrees([0.0, 0.9, 0.3])) < 5
     assert answer["spin"]["revolutions_per_second"] is None
     assert "the direction of time is unknown" in answer["spin"]["ambiguity"]
-
-
-def test_a_spin_in_words():
-    spin = bm.deblurring.Spin(np.array([0.0, np.radians(36.0), 0.0]), covariance=1e-4 * np.eye(11))
-    answer = {"spin": sharpening._numbers_of(spin)}
-    sharpening._add_time(answer, bm.LinearImage(np.zeros((4, 4, 3)), meta=Meta(exposure_time=0.02)))
-    said = sharpening._text_of(answer["spin"])
-    assert "spin 36.0 ± 0.6° per exposure, 5.00 ± 0.08 revolutions per second," in said
-    assert "about the axis (0.00 right, 1.00 down, 0.00 towards the camera) ± 1.3°" in said
-    sharpening._add_time(answer, None)
-    assert "per second" not in sharpening._text_of(answer["spin"])
 
 
 def test_a_spin_needs_pictures(folder, tmp_path):

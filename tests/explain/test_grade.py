@@ -14,6 +14,7 @@ from blurmatte.explain import (
     grade_in_words,
     likeliest_shape,
 )
+from blurmatte.explain.grade import also_moved
 from blurmatte.matting import Grade, Quality, SolutionStats
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import ShadowSummary, SweepSummary
@@ -358,3 +359,11 @@ def test_equal_hypotheses_are_listed_but_not_named(solution):
 )
 def test_solutions_without_alternatives_have_no_sentence(solution, stats):
     assert alternatives_in_words(solution(**stats)) == []
+
+
+def test_what_else_moved_is_named_by_its_box():
+    boxes = [(k, 0, k + 5, 9) for k in range(7)]
+    assert also_moved([], 3) == []
+    assert also_moved(boxes[:1], 0) == ["also moved, choose with --region: 0,0,5,9"]
+    (line,) = also_moved(boxes, 2)
+    assert line.endswith("4,0,9,9 and 2 more; 2 more may be noise or compression")

@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+import blurmatte as bm
 from blurmatte.color import ColorModel
 from blurmatte.explain import explain
+from blurmatte.explain.motion import spin_in_words
 from blurmatte.explain.numbers import direction
 from blurmatte.motion import Scale
 from blurmatte.motion.picture.measure import motion_of_sweep
@@ -119,3 +121,11 @@ def test_path_upward_points_up():
     """Exact: at −31°."""
     said = " ".join(explain(motion_of("line", [20, 60, 70, 30])))
     assert "° from right towards up (right and up), or the opposite one" in said
+
+
+def test_a_spin_in_words():
+    spin = bm.deblurring.Spin(np.array([0.0, np.radians(36.0), 0.0]), covariance=1e-4 * np.eye(11))
+    said = spin_in_words(spin, 0.02)
+    assert "spin 36.0 ± 0.6° per exposure, 5.00 ± 0.08 revolutions per second," in said
+    assert "about the axis (0.00 right, 1.00 down, 0.00 towards the camera) ± 1.3°" in said
+    assert "per second" not in spin_in_words(spin)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -115,29 +115,16 @@ def naming_streaks(
     try:
         yield
     except (bm.errors.ColorModelError, bm.errors.MotionError) as error:
+        from blurmatte.explain.grade import also_moved, as_region
+
         found = [] if streak is not None else bm.find_streaks(image, plate)
         if not found:
             raise
         first, *others = found
         boxes = [other.box for other in others if other.significant]
         more = "".join(f"; {line}" for line in also_moved(boxes, len(others) - len(boxes)))
-        where = f"The strongest is the streak in {_as_region(first.box)} (X0,Y0,X1,Y1){more}"
+        where = f"The strongest is the streak in {as_region(first.box)} (X0,Y0,X1,Y1){more}"
         raise type(error)(f"{error}. {where}") from error
-
-
-def also_moved(boxes: Sequence[Sequence[int]], insignificant: int, most: int = 5) -> list[str]:
-    """Boxes of what else moved, the strongest first, and how many may be noise; one line or none."""
-    if not boxes:
-        return []
-    named = " ".join(map(_as_region, boxes[:most]))
-    more = f" and {len(boxes) - most} more" if len(boxes) > most else ""
-    weak = f"; {insignificant} more may be noise or compression" if insignificant else ""
-    return [f"also moved, choose with --region: {named}{more}{weak}"]
-
-
-def _as_region(box: Sequence[int]) -> str:
-    """A box as a value of --region."""
-    return ",".join(map(str, box))
 
 
 def _curve_doubts(

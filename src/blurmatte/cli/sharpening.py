@@ -88,26 +88,16 @@ def sharpen(
         check_file(out, "a sharp object", out.suffix.lower())
     if out.suffix.lower() in _OVER_PLATE and pictures.plate is None:
         raise ValueError(f"{out.suffix} has no alpha: add --plate, or write .mov or .exr")
-    answers: list[dict[str, Any]] = []
+    answers: list[tuple[dict[str, Any], list[str]]] = []
     with waiting("sharpening"):
         image, plate = _read(pictures, reading, files[0])
         sharps = _sharpened(files, image, plate, reading, sheet, pictures.spin)
-        _write(out, sharps, frames, plate, rate, answers)
-    lines = []
-    for one in answers:
-        _add_time(one, image)
-        line = "{frames} sharp, color ± {color_std:.3f} of white, path {path_length_px:.1f} px"
-        if image is None:  # the noise of a layer is not known
-            one["misfit"] = None
-        else:
-            line += ", misfit {misfit:.2f} (1 is noise)"
-        lines += [*filter(None, [one["grade"]]), line.format(**one)]
-        if "spin" in one:
-            lines.append(_text_of(one["spin"]))
+        _write(out, _moments(sharps, frames, image, answers), plate, rate)
+    numbers, lines = [one for one, _ in answers], [line for _, said in answers for line in said]
     if image is None:
         lines.append("the path was not refined: that needs --image and --plate")
     lines.append(str(out))
-    answer(as_json, answers[0] if len(answers) == 1 else {"layers": answers}, lines)
+    answer(as_json, numbers[0] if len(numbers) == 1 else {"layers": numbers}, lines)
 
 
 def _read(
@@ -155,8 +145,45 @@ def _sharpened(
         yield grade_lines(solution), sharp
 
 
-def _numbers_of(spin: bm.deblurring.Spin) -> dict[str, Any]:
-    """For a machine."""
+def _moments(
+    sharps: Iterator[tuple[list[str], bm.deblurring.Sharp]],
+    frames: int,
+    image: bm.LinearImage | None,
+    answers: list[tuple[dict[str, Any], list[str]]],
+) -> Iterator[bm.Layer]:
+    """The moments of all objects in order; numbers and lines about each are added to the answers."""
+    for graded, sharp in sharps:
+        answers.append(_answer_of(sharp, graded[:1], frames, image))
+        yield from sharp.subframes(frames)
+
+
+def _answer_of(
+    sharp: bm.deblurring.Sharp, graded: list[str], frames: int, image: bm.LinearImage | None
+) -> tuple[dict[str, Any], list[str]]:
+    """Numbers and lines about an object; graded: the line about its grade, if it has one."""
+    from blurmatte.explain.motion import spin_in_words
+
+    numbers: dict[str, Any] = {
+        "grade": graded[0] if graded else None,
+        "frames": frames,
+        "color_std": float((sharp.node_std**2).mean() ** 0.5),
+        "misfit": None if image is None else sharp.misfit,  # the noise of a layer is not known
+        "path_length_px": sharp.sweeps[0].length,
+    }
+    line = "{frames} sharp, color ± {color_std:.3f} of white, path {path_length_px:.1f} px"
+    if image is not None:
+        line += ", misfit {misfit:.2f} (1 is noise)"
+    lines = [*graded, line.format(**numbers)]
+    if sharp.spin is not None:
+        time = None if image is None else image.meta.exposure_time
+        numbers["spin"] = _numbers_of(sharp.spin, time)
+        lines.append(spin_in_words(sharp.spin, time))
+    return numbers, lines
+
+
+def _numbers_of(spin: bm.deblurring.Spin, exposure_time: float | None) -> dict[str, Any]:
+    """For a machine; revolutions per second are None if the exposure time is unknown."""
+    rates = spin.rate_deg, spin.rate_std_deg
     return {
         "axis": spin.axis.tolist(),
         "axis_std_deg": spin.axis_std_deg,
@@ -164,55 +191,15 @@ def _numbers_of(spin: bm.deblurring.Spin) -> dict[str, Any]:
         "rate_std_deg_per_exposure": spin.rate_std_deg,
         "log_evidence_margin": spin.log_evidence_margin,
         "ambiguity": spin.ambiguity,
+        "revolutions_per_second": exposure_time and [rate / 360 / exposure_time for rate in rates],
     }
 
 
-def _add_time(answer: dict[str, Any], image: bm.LinearImage | None) -> None:
-    """Add revolutions per second to the numbers of a spin, None if the exposure time is unknown."""
-    time = None if image is None else image.meta.exposure_time
-    if "spin" in answer:
-        spin = answer["spin"]
-        names = "rate_deg_per_exposure", "rate_std_deg_per_exposure"
-        spin["revolutions_per_second"] = time and [spin[name] / 360 / time for name in names]
-
-
-def _text_of(spin: dict[str, Any]) -> str:
-    """For people."""
-    x, y, z = spin["axis"]
-    rate, std = spin["rate_deg_per_exposure"], spin["rate_std_deg_per_exposure"]
-    text = f"spin {rate:.1f} ± {std:.1f}° per exposure"
-    if spin["revolutions_per_second"] is not None:
-        text += ", {:.2f} ± {:.2f} revolutions per second,".format(*spin["revolutions_per_second"])
-    text += f" about the axis ({x:.2f} right, {y:.2f} down, {z:.2f} towards the camera)"
-    return f"{text} ± {spin['axis_std_deg']:.1f}°; {spin['ambiguity']}"
-
-
 def _write(
-    out: Path,
-    sharps: Iterator[tuple[list[str], bm.deblurring.Sharp]],
-    frames: int,
-    plate: bm.LinearImage | None,
-    rate: float,
-    answers: list[dict[str, Any]],
+    out: Path, layers: Iterator[bm.Layer], plate: bm.LinearImage | None, rate: float
 ) -> None:
-    """Write the moments of each object, and add its numbers to the answers."""
-
-    def layers() -> Iterator[bm.Layer]:
-        """All moments, in order."""
-        for graded, sharp in sharps:
-            answers.append(
-                {
-                    "grade": graded[0] if graded else None,
-                    "frames": frames,
-                    "color_std": float((sharp.node_std**2).mean() ** 0.5),
-                    "misfit": sharp.misfit,
-                    "path_length_px": sharp.sweeps[0].length,
-                    **({} if sharp.spin is None else {"spin": _numbers_of(sharp.spin)}),
-                }
-            )
-            yield from sharp.subframes(frames)
-
-    shown: Any = layers()
+    """Write moments: alone, as a row or a clip, or over the plate."""
+    shown: Any = layers
     if out.suffix.lower() in _OVER_PLATE and plate is not None:
         shown = (one.over(plate) for one in shown)
     first = next(shown)

@@ -33,7 +33,6 @@ from blurmatte.cli.console import (
 from blurmatte.cli.paths import ROWS, check_file, check_folder, expanded, given_files, with_folders
 from blurmatte.cli.picture_solving import (
     PictureOptions,
-    also_moved,
     check_guess,
     naming_streaks,
     solved,
@@ -332,7 +331,7 @@ def _required(name: str | None) -> bm.Grade | None:
 
 def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Path) -> list[str]:
     """Alternatives, colors, plate, other streaks, and the sheet."""
-    from blurmatte.explain.grade import also_fits
+    from blurmatte.explain.grade import also_fits, also_moved
 
     lines = [*also_fits(solution), str(solution), in_degrees(solution.model)]
     if match.moves or match.changes_light:

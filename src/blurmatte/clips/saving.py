@@ -24,6 +24,7 @@ from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
 from blurmatte.explain.calibration import camera_in_words
+from blurmatte.explain.clip import saved_in_words, without_layer_in_words
 from blurmatte.figures import Matte, draw_clip, draw_parallax
 from blurmatte.files import Frames, read_layer, require_parquet, write
 from blurmatte.files.clip_decoding import video_library
@@ -360,7 +361,9 @@ def _written(
     else:
         marked.unlink(missing_ok=True)
     files.append(folder / "overview.png")
-    words, mattes = _words(work, shots), _mattes(run, folder, work.records)
+    grades = Counter(record.grade for record in work.records if record.layer)
+    words = saved_in_words(grades, shots, len(work.plates)) + work.problems[:3]
+    mattes = _mattes(run, folder, work.records)
     write(files[-1], draw_clip(work.plates[0], work.rows, words, name=run.name, mattes=mattes))
     if run.extension == ".mov":
         numbers = sorted({record.object for record in work.records if record.layer})
@@ -419,24 +422,7 @@ def _without_layer(work: _Work) -> list[str]:
     without = [reasons.get(frame, "") for frame in sorted(frames - done)]
     if done:
         without = [reason for reason in without if not reason.startswith("nothing ")]
-    if not without:
-        return []
-    (reason, count), *_ = Counter(without).most_common(1)
-    why = f"{reason}{f' ({count} of them)' if count < len(without) else ''}" or "see above"
-    return [f"{len(without)} of {len(frames)} frames have no layer: {why}"]
-
-
-def _words(work: _Work, shots: Sequence[ClipShot]) -> list[str]:
-    """Sentences for the sheet."""
-    layers = [record for record in work.records if record.layer]
-    grades = Counter(record.grade for record in layers)
-    graded = ", ".join(f"{grades[str(g)]} {g}" for g in Grade if grades[str(g)])
-    said = [f"{len(layers)} layers: {graded}." if layers else "No layers."]
-    if len(shots) > 1:
-        said.append(f"{len(shots)} shots: {'; '.join(map(str, shots))}.")
-    if len(work.plates) > 1:
-        said.append("The background is the plate of the first shot.")
-    return said + work.problems[:3]
+    return without_layer_in_words(without, len(frames))
 
 
 def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:

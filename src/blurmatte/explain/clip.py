@@ -1,8 +1,11 @@
-"""A clip in sentences: what was found in its frames, of each object, and in space."""
+"""A clip in sentences: what was found in its frames, of each object, in space, and what was written."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 
+from blurmatte.background import ClipShot
 from blurmatte.explain.motion import fall_in_words, scatter_in_words
+from blurmatte.matting.maps import Grade
 from blurmatte.motion.clip.detections import FrameMotion
 from blurmatte.motion.clip.positions_3d import BallPlace
 from blurmatte.motion.clip.scatter import frame_scatter
@@ -27,6 +30,26 @@ def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> lis
         f"{'is' if doubted == 1 else 'are'} doubtful."
     )
     return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}"]
+
+
+def saved_in_words(grades: Mapping[str, int], shots: Sequence[ClipShot], plates: int) -> list[str]:
+    """Sentences about layers that were written: how many of each grade; numbers of shots and plates."""
+    graded = ", ".join(f"{grades[grade]} {grade}" for grade in map(str, Grade) if grades.get(grade))
+    said = [f"{sum(grades.values())} layers: {graded}." if grades else "No layers."]
+    if len(shots) > 1:
+        said.append(f"{len(shots)} shots: {'; '.join(map(str, shots))}.")
+    if plates > 1:
+        said.append("The background is the plate of the first shot.")
+    return said
+
+
+def without_layer_in_words(reasons: Sequence[str], frames: int) -> list[str]:
+    """How many of the frames have no layer, and the most frequent reason; nothing if all have one."""
+    if not reasons:
+        return []
+    (reason, count), *_ = Counter(reasons).most_common(1)
+    why = f"{reason}{f' ({count} of them)' if count < len(reasons) else ''}" or "see above"
+    return [f"{len(reasons)} of {frames} frames have no layer: {why}"]
 
 
 def summary_in_words(one: ObjectSummary, several: bool) -> list[str]:

@@ -12,6 +12,7 @@ from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SolutionStats, SweepSummary
 
+_MOST_BOXES = 5  # that are named
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
 _MAX_KNOWN_STD = 0.1  # of an opacity that is worth a number
 _REASONS = {
@@ -217,6 +218,21 @@ def also_fits(solution: Solution) -> list[str]:
     )
     said = [f"{heading}: {'; '.join(those)}" for heading, those in parts if those]
     return ["; ".join(said)] if said else []
+
+
+def also_moved(boxes: Sequence[Sequence[int]], insignificant: int) -> list[str]:
+    """Boxes of what else moved, the strongest first, and how many may be noise; one line or none."""
+    if not boxes:
+        return []
+    named = " ".join(map(as_region, boxes[:_MOST_BOXES]))
+    more = f" and {len(boxes) - _MOST_BOXES} more" if len(boxes) > _MOST_BOXES else ""
+    weak = f"; {insignificant} more may be noise or compression" if insignificant else ""
+    return [f"also moved, choose with --region: {named}{more}{weak}"]
+
+
+def as_region(box: Sequence[int]) -> str:
+    """A box as a value of --region."""
+    return ",".join(map(str, box))
 
 
 def factor_interval(solution: Solution) -> list[str]:

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from blurmatte.checks import Direction
+from blurmatte.deblurring.spin import Spin
 from blurmatte.explain.numbers import direction, with_article, with_error
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.scatter import Scatter
@@ -335,6 +336,17 @@ def rotation_in_words(motion: Rotation) -> list[str]:
             "minute."
         )
     return [*lines, "The picture does not determine the sense of rotation."]
+
+
+def spin_in_words(spin: Spin, exposure_time: float | None = None) -> str:
+    """A line about rate and axis; revolutions per second if the exposure time, seconds, is known."""
+    x, y, z = spin.axis
+    text = f"spin {spin.rate_deg:.1f} ± {spin.rate_std_deg:.1f}° per exposure"
+    if exposure_time:
+        per_second = (rate / 360 / exposure_time for rate in (spin.rate_deg, spin.rate_std_deg))
+        text += ", {:.2f} ± {:.2f} revolutions per second,".format(*per_second)
+    text += f" about the axis ({x:.2f} right, {y:.2f} down, {z:.2f} towards the camera)"
+    return f"{text} ± {spin.axis_std_deg:.1f}°; {spin.ambiguity}"
 
 
 def _largest_source(what: str, parts: Mapping[str, float]) -> str:
