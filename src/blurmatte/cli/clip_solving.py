@@ -30,6 +30,7 @@ from blurmatte.cli.quantities import check_count
 from blurmatte.cli.selection import (
     GUESSED,
     FrameSelection,
+    MatchMode,
     ObjectColor,
     Selection,
     matching_of,
@@ -48,7 +49,7 @@ class MaybePlate:
     plate: Annotated[
         list[Path] | None, option("FILE|none", "Without the object; none: guess; clip: made.")
     ] = None
-    match: Annotated[str, option("MODE", "auto, none, exposure, shift or full.")] = "auto"
+    match: MatchMode = "auto"
 
     def __post_init__(self) -> None:
         matching_of(self.match)

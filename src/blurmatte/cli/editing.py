@@ -32,6 +32,7 @@ from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch
 from blurmatte.cli.selection import (
     GUESSED,
     Out,
+    OwnPictures,
     PlateOptions,
     Reading,
     check_photographed,
@@ -40,7 +41,6 @@ from blurmatte.cli.selection import (
 )
 from blurmatte.formats import JPEG, format_at
 
-OWN = "In its own picture"
 _NOT_OF_A_ROW = (
     "of a row give the plate that solve made of it, or remove from one picture after another"
 )
@@ -58,19 +58,11 @@ class _Edit:
 
 
 @dataclass(frozen=True)
-class OriginalPicture:
-    """The picture that a layer is from."""
-
-    image: Annotated[Path | None, option("FILE", "It, kept where nothing changes.", OWN)] = None
-    plate: Annotated[
-        Path | None, option("FILE|none", "The scene without the object; none: guess.", OWN)
-    ] = None
-    match: Annotated[
-        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", OWN)
-    ] = "auto"
+class EditedPictures(OwnPictures):
+    """The pictures that a layer is from; the image is kept where nothing changes."""
 
     def __post_init__(self) -> None:
-        matching_of(self.match)
+        super().__post_init__()
         if self.plate is not None and self.image is None:
             raise ValueError("--plate needs --image; to put the object over it use compose --over")
 
@@ -83,7 +75,7 @@ def edit(
     ctx: typer.Context,
     layer: LayerOrRow,
     changes: Changes,
-    own: OriginalPicture,
+    own: EditedPictures,
     looks: Previews,
     row: RowOptions,
     reading: Reading,
@@ -120,7 +112,7 @@ def edit(
 def _edit_row(
     layer: str,
     wanted: Sequence[Change],
-    own: OriginalPicture,
+    own: EditedPictures,
     row: RowOptions,
     reading: Reading,
     out: Path,
@@ -141,7 +133,7 @@ def _edit_row(
 
 
 def _edit_picture(
-    layer: Path, wanted: Sequence[Change], image: Path, own: OriginalPicture, reading: Reading
+    layer: Path, wanted: Sequence[Change], image: Path, own: EditedPictures, reading: Reading
 ) -> tuple[_Edit, Any]:
     """The picture with its changed layer, and the mask of its changed pixels."""
     reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
@@ -305,7 +297,7 @@ def _read(
 
 
 def _matched(
-    own: OriginalPicture, scene: bm.LinearImage | None, picture: bm.LinearImage
+    own: EditedPictures, scene: bm.LinearImage | None, picture: bm.LinearImage
 ) -> bm.LinearImage | None:
     """The plate if it was taken, matched to the picture."""
     if scene is None or own.plate is None:

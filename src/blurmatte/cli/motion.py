@@ -17,6 +17,9 @@ from blurmatte.cli.quantities import (
     LENGTH,
     SIZE,
     BallSize,
+    Camera,
+    ExposureTime,
+    LineTime,
     Readout,
     ScaleOptions,
     check_camera,
@@ -43,10 +46,6 @@ _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 Located: TypeAlias = "bm.motion.BallMotion | bm.motion.PlaneMotion | bm.motion.BlurDepth"
 
 Numbers = Annotated[Path | None, output("Write all numbers: .json, or .csv of a row.")]
-ExposureTime = Annotated[
-    str | None,
-    option("TIME[±ERROR]", "Exposure time: 1/60, 4ms; else the file's.", SIZE, "--exposure"),
-]
 
 
 @dataclass(frozen=True)
@@ -54,9 +53,7 @@ class ExposureTiming:
     """When the pixels were exposed."""
 
     exposure: ExposureTime = None
-    line_time: Annotated[
-        str | None, option("TIME", "From row to row of a rolling shutter: 15us.", SIZE)
-    ] = None
+    line_time: LineTime = None
     readout: Readout = None
     going: Annotated[
         str | None, option("down|up|left|right", "With --line-time, if known.", SIZE)
@@ -151,7 +148,7 @@ class SpaceOptions(BallSize):
     speed: Annotated[
         str | None, option("SPEED[±ERROR]", "Or its true speed: 12m/s, 43km/h.", SIZE)
     ] = None
-    camera: Annotated[Path | None, option("FILE", "JSON of the calibrated camera.", SIZE)] = None
+    camera: Camera = None
     on_plane: Annotated[
         list[str] | None,
         option("X,Y=U,V", "Pixel X,Y shows the point U,V of the plane; 4 or more.", PLANE),

@@ -12,6 +12,7 @@ import warnings
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import blurmatte as bm
@@ -34,6 +35,14 @@ _NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)
 SIZE = "True size and time"
 LENGTH = "LENGTH[±ERROR]"
 Quantity = tuple[float, float]  # a value and its error
+Camera = Annotated[Path | None, option("FILE", "JSON of the calibrated camera.", SIZE)]
+ExposureTime = Annotated[
+    str | None,
+    option("TIME[±ERROR]", "Exposure time: 1/60, 4ms; else the file's.", SIZE, "--exposure"),
+]
+LineTime = Annotated[
+    str | None, option("TIME", "From row to row of a rolling shutter: 15us.", SIZE)
+]
 Readout = Annotated[
     str | None,
     option("down|up|left|right", "Where the sensor's next row lies; else the file's.", SIZE),

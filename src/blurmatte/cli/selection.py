@@ -15,6 +15,7 @@ from blurmatte.cli.quantities import box, check_rate, frame_range, is_box, numbe
 from blurmatte.formats import EXR, MAX_PIXELS, format_at, named
 
 OBJECT = "The object"
+PICTURES = "Its pictures"
 Out = Annotated[Path, output("Where to write.")]
 OutFolder = Annotated[Path, output("For the results; made if needed.", "FOLDER")]
 Layer = Annotated[Path, argument("LAYER", "The layer.exr that solve wrote.")]
@@ -31,6 +32,8 @@ Occluder = Annotated[
     Path | None, option("FILE", "A mask, white where something is in front.", OBJECT)
 ]
 
+_MATCH = "Changes: auto, none, exposure, shift or full."
+MatchMode = Annotated[str, option("MODE", _MATCH)]
 KnownOpacity = Annotated[
     str | None, option("solid|any", "If it surely is solid; if it may be glass.", OBJECT)
 ]
@@ -140,9 +143,19 @@ class PlateOptions:
     """The plate, and how it may be changed to match the image."""
 
     plate: Annotated[Path, option("FILE|none", "The same scene without the object; none: guess.")]
-    match: Annotated[
-        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.")
-    ] = "auto"
+    match: MatchMode = "auto"
+
+    def __post_init__(self) -> None:
+        matching_of(self.match)
+
+
+@dataclass(frozen=True)
+class OwnPictures:
+    """The pictures that a layer is from, and how the plate may be changed to match the image."""
+
+    image: Annotated[Path | None, option("FILE", "With the object.", PICTURES)] = None
+    plate: Annotated[Path | None, option("FILE|none", "Without it; none: guess.", PICTURES)] = None
+    match: Annotated[str, option("MODE", _MATCH, PICTURES)] = "auto"
 
     def __post_init__(self) -> None:
         matching_of(self.match)

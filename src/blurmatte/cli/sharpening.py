@@ -21,28 +21,22 @@ from blurmatte.cli.paths import (
     check_file,
     expanded,
 )
-from blurmatte.cli.selection import GUESSED, Out, Reading, matching_of
+from blurmatte.cli.selection import GUESSED, PICTURES, Out, OwnPictures, Reading
 
-PICTURES = "Its pictures"
 _OVER_PLATE = tuple(name for name in CLIPS if name not in CLIPS_OF_LAYERS)  # have no alpha
 _SPINS = "none", "auto", "measure"
 
 
 @dataclass(frozen=True)
-class Blurred:
+class BlurredPictures(OwnPictures):
     """The pictures that a layer is from; with them the path is refined."""
 
-    image: Annotated[Path | None, option("FILE", "With the object.", PICTURES)] = None
-    plate: Annotated[Path | None, option("FILE|none", "Without it; none: guess.", PICTURES)] = None
-    match: Annotated[
-        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", PICTURES)
-    ] = "auto"
     spin: Annotated[
         str, option("MODE", "Of a ball: none; measure; auto, used if it is likelier.", PICTURES)
     ] = "none"
 
     def __post_init__(self) -> None:
-        matching_of(self.match)
+        super().__post_init__()
         if self.spin not in _SPINS:
             raise ValueError(f"--spin must be {', '.join(_SPINS)}, got {self.spin!r}")
         if self.spin != "none" and self.image is None:
@@ -63,7 +57,7 @@ class Blurred:
 )
 def sharpen(
     layer: Annotated[str, argument("LAYER", f"The layer.exr of solve, or several: {ROWS}.")],
-    pictures: Blurred,
+    pictures: BlurredPictures,
     reading: Reading,
     out: Out,
     frames: Annotated[int, option("N", "Moments of each exposure, equally spaced.")] = 1,
@@ -101,7 +95,7 @@ def sharpen(
 
 
 def _read(
-    pictures: Blurred, reading: Reading, layer: Path
+    pictures: BlurredPictures, reading: Reading, layer: Path
 ) -> tuple[bm.LinearImage | None, bm.LinearImage | None]:
     """Image and plate, matched, where they are given."""
     if pictures.plate is None:

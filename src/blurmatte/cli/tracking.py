@@ -12,6 +12,9 @@ from blurmatte.cli.console import about, flag, option, output
 from blurmatte.cli.paths import SHEET, check_file, check_outputs, given_files
 from blurmatte.cli.quantities import (
     SIZE,
+    Camera,
+    ExposureTime,
+    LineTime,
     Readout,
     ScaleOptions,
     acceleration,
@@ -64,11 +67,9 @@ class ProcessOptions:
 class Physics(ScaleOptions):
     """Known quantities: sizes, times, the camera, gravity."""
 
-    camera: Annotated[Path | None, option("FILE", "JSON of the calibrated camera.", SIZE)] = None
-    exposure: Annotated[str | None, option("TIME[±ERROR]", "Exposure time.", SIZE)] = None
-    line_time: Annotated[
-        str | None, option("TIME", "From row to row of a rolling shutter.", SIZE)
-    ] = None
+    camera: Camera = None
+    exposure: ExposureTime = None
+    line_time: LineTime = None
     readout: Readout = None
     gravity: Annotated[
         str | None,
