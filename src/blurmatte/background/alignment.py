@@ -34,6 +34,7 @@ from blurmatte.background.warp import (
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage, rounding_noise
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import cell_means, student_loss, student_weight
 
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
@@ -42,7 +43,7 @@ LIGHTS = ((), (0,), (0, 1), tuple(range(7)))
 
 
 # Pyramid of the pictures, and the t regression on its levels.
-_MAX_PIXELS = 5e5  # of the finest level; larger pictures are averaged over cells
+MAX_PIXELS = 5e5  # of the finest level; larger pictures are averaged over cells
 _MIN_SIDE_PX = 48  # of the coarsest level
 _MAX_POINTS = 8_000  # compared: half of them on edges
 _MIN_SPACING_PX = 4  # of points: smoothing correlates the noise of nearer ones
@@ -148,7 +149,7 @@ def levels(
 
     structure: compare the fine structure of each level, which shows displacements and contrast alone.
     """
-    cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_PIXELS)))
+    cell = int(np.ceil(np.sqrt(image.valid.size / MAX_PIXELS)))
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
     variance = _variance(image, C, cell) + _variance(plate, B, cell)
     valid = _cells((image.valid & plate.valid)[..., None].astype(np.float32), cell)
@@ -186,7 +187,7 @@ def _level(C: Array, B: Array, variance: Array, valid: Array, structure: bool) -
     u, v = (xy * to[0, 0] + to[:2, 2]).T
     basis = np.stack([np.ones(len(xy)), u, v, u * u, u * v, v * v], axis=1)
     edges = _EDGE_POSITION_STD_PX**2 * (slope_x**2 + slope_y**2)
-    sigma = np.sqrt((np.maximum(variance, 1e-14) + edges)[xy[:, 1], xy[:, 0]])
+    sigma = np.sqrt((np.maximum(variance, VARIANCE_FLOOR) + edges)[xy[:, 1], xy[:, 0]])
     image_slopes = np.stack([np.gradient(C, axis=axis) for axis in (1, 0)], axis=-1)
     spline = spline_coefficients(B)
     return ComparedPair(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)

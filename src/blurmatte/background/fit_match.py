@@ -33,10 +33,11 @@ from blurmatte.background.fit_bands import (
     with_bands,
 )
 from blurmatte.background.match import Bands, Match, median_light
+from blurmatte.background.registration import MAX_RELATIVE_RESIDUAL
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
-from blurmatte.radiometry.image import part_of
+from blurmatte.radiometry.image import VARIANCE_FLOOR, part_of
 from blurmatte.statistics import robust_std
 
 
@@ -79,8 +80,7 @@ _MIN_GAIN = 0.25  # of the median light: a darker image is rejected
 _MAX_GAIN = 4.0
 _MIN_SIDE_PX = 32  # smaller pictures are not matched
 _MIN_POINTS = 100
-_MAX_RELATIVE_RESIDUAL = 0.5  # std over that of the image: another scene leaves more,
-_MAX_RESIDUAL = 0.1  # and more than this part of the median light
+_MAX_RESIDUAL = 0.1  # of the median light: another scene leaves more
 _NOISE_OF_BLACK = 0.002  # of white: a black plate has no other residual
 _MIN_OVERLAP = 0.5  # fraction of the image that the plate covers
 
@@ -309,7 +309,7 @@ def _check_same_scene(
     light = median_light(plate)
     x, y = match.shift
     if residual > max(
-        _MAX_RELATIVE_RESIDUAL * image_std,
+        MAX_RELATIVE_RESIDUAL * image_std,
         _MAX_RESIDUAL * float(light.mean()),
         _NOISE_OF_BLACK,
     ):
@@ -348,7 +348,7 @@ def agreement(image: LinearImage, plate: LinearImage) -> tuple[float, float]:
     use = image.valid & plate.valid
     if not use.any():
         return float("nan"), float("nan")
-    z = d / np.sqrt(np.maximum(variance, 1e-14))
+    z = d / np.sqrt(np.maximum(variance, VARIANCE_FLOOR))
     energy = sum(np.sum(np.gradient(plate.rgb, axis=axis) ** 2, axis=-1) for axis in (0, 1))
     edges = use & (energy >= np.quantile(energy[use], 0.9))
     return _trimmed_std(z[use]), _trimmed_std(z[edges])

@@ -35,6 +35,7 @@ from blurmatte.radiometry import (
     NoiseModel,
     rounding_variance,
 )
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 
 # Pixels whose plate is known, and averages over neighbors for their variance.
 _MIN_FREE_FRACTION = 0.15  # of the frames
@@ -305,7 +306,7 @@ def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -
             noise[..., c] += np.maximum(scatter - of_frame[..., c], 0)
         if file.coding is not None and shared is not None:
             coding = file.coding.variance(rgb[..., c], c, first_row)
-            shared[..., c] = coding * _kept_rounding(scatter / np.maximum(coding, 1e-14))
+            shared[..., c] = coding * _kept_rounding(scatter / np.maximum(coding, VARIANCE_FLOOR))
 
     with ThreadPoolExecutor(2) as pool:  # three at a time take more memory
         list(pool.map(channel, range(3)))
@@ -377,9 +378,9 @@ def _variance(
     scatter = sums.batch_squares[..., c] - 2 * delta * sums.batch_products[..., c] + delta**2 * q
     scatter = np.where(windows.usable, scatter / np.maximum(n**2 - q, 1), 0)
     white, of_batches = (windows.batches.mean(a * n / usual) for a in (v / n, scatter))
-    inflation = np.maximum(of_batches / np.maximum(white, 1e-14), 1)
-    kept = _kept_rounding(local / np.maximum(rounding, 1e-14))
-    return np.asarray(v * inflation / n + rounding * kept + 1e-14), local
+    inflation = np.maximum(of_batches / np.maximum(white, VARIANCE_FLOOR), 1)
+    kept = _kept_rounding(local / np.maximum(rounding, VARIANCE_FLOOR))
+    return np.asarray(v * inflation / n + rounding * kept + VARIANCE_FLOOR), local
 
 
 def _kept_rounding(scatter: Floats) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 from blurmatte.background.alignment import (
     GEOMETRIES,
     LIGHTS,
+    MAX_PIXELS,
     Alignment,
     fit_level,
     levels,
@@ -42,12 +43,11 @@ _HOMOGRAPHY = GEOMETRIES.index(tuple(range(8))), LIGHTS.index((0,))  # and a gai
 _SHIFT = GEOMETRIES.index((2, 5)), LIGHTS.index((0,))
 
 # When a frame is registered.
-_MAX_PIXELS = 5e5  # that are compared; larger frames are averaged over cells
 _MIN_OVERLAP = 0.3  # of a frame with the canvas
 # Residual of most points over the standard deviation of the frame: with less no other prediction is
 # tried, and another scene leaves more
 _GOOD_RESIDUAL = 0.015
-_MAX_RELATIVE_RESIDUAL = 0.5
+MAX_RELATIVE_RESIDUAL = 0.5
 _MAX_SHIFT_STD_PX = 0.5  # with more, the frame has too little texture
 _MAX_CANVAS_RATIO = 16.0  # of its area to that of a frame
 _MIN_REGISTERED = 0.5  # of the frames; with fewer, it is no clip of one scene
@@ -192,7 +192,7 @@ def register_frames(frames: Sequence[LinearImage], plate: LinearImage | None = N
     PlateError
         If less than half of the frames can be registered.
     """
-    cell = int(np.ceil(np.sqrt(np.prod(frames[0].size) / _MAX_PIXELS)))
+    cell = int(np.ceil(np.sqrt(np.prod(frames[0].size) / MAX_PIXELS)))
     if plate is not None:
         return _checked(_registered_to(plate, frames, cell))
     path = _checked(_registered(frames, cell, 0.0))
@@ -312,7 +312,7 @@ def _refusal(fit: _CanvasFit, size: tuple[int, int]) -> str:
     """Why a fit does not register a frame; "" if it does."""
     if fit.overlap < _MIN_OVERLAP:
         return f"it shows only {fit.overlap:.0%} of what the frames before show"
-    if fit.residual > _MAX_RELATIVE_RESIDUAL * fit.image_std:
+    if fit.residual > MAX_RELATIVE_RESIDUAL * fit.image_std:
         rest = fit.residual / max(fit.image_std, 1e-9)
         return f"it does not look like the frames before: {rest:.0%} of its contrast are not theirs"
     std = np.sqrt(np.diag(fit.alignment.covariance())[[2, 5]]) * max(size) / 2
@@ -358,7 +358,7 @@ def _registered_to(plate: LinearImage, frames: Sequence[LinearImage], cell: int)
 
 def show_one_scene(a: LinearImage, b: LinearImage) -> bool:
     """Whether a frame can be registered to the one before."""
-    cell = int(np.ceil(np.sqrt(np.prod(a.size) / _MAX_PIXELS)))
+    cell = int(np.ceil(np.sqrt(np.prod(a.size) / MAX_PIXELS)))
     mosaic = _Mosaic.begun(_cells(a, cell), 0.0)
     return isinstance(mosaic.add(_cells(b, cell)), Warp)
 

@@ -20,6 +20,7 @@ from blurmatte.calibration.noise_samples import (
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import chi_square_quantile, variance_inflation
 
 _TINY = 1e-20  # light² or a fraction: guards a division
@@ -43,7 +44,6 @@ _MAX_CHANGED_FRACTION = 0.5  # of the picture
 _MAX_OVER_CURVE = 2.0
 # Standard deviations from black or white within which noise is truncated
 _END_MARGIN_STD = 3.0
-_MIN_VARIANCE = 1e-14  # light², that of rounding to 32-bit floats
 
 
 def measure_noise(frames: Iterable[LinearImage], still: Bools | None = None) -> NoiseFit:
@@ -194,7 +194,7 @@ def _fitted(sample: Sample) -> tuple[NoiseFit, Array, Bools]:
 def _inliers(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
     """(H, W, 3) typical variances and inliers, and the fraction of changed pixels."""
     typical = np.stack([_typical(light[..., c], sample, c) for c in range(3)], axis=-1)
-    noisy = sample.use & (typical > _MIN_VARIANCE)
+    noisy = sample.use & (typical > VARIANCE_FLOOR)
     if not noisy.any(axis=(0, 1)).all():
         raise NoiseError(
             "there is no noise: the pictures are copies of one, or of even areas without any noise; "

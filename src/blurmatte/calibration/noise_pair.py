@@ -17,10 +17,9 @@ from blurmatte.radiometry import (
     counted_once,
     rounding_noise,
 )
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.radiometry.noise_model import fit_coefficients
 from blurmatte.statistics import MAD_TO_STD
-
-_VARIANCE_FLOOR = 1e-14  # light², of 32-bit floats
 
 
 def fit_noise(
@@ -69,10 +68,10 @@ def fit_noise(
     else:
         few = slice(None, None, 4)
         first, _ = _fit_total(B[few], (C - B)[few], usable[few], least[0] + least[1])
-        usable &= _quiet(C - B, first.variance(B) + _VARIANCE_FLOOR, usable)
+        usable &= _quiet(C - B, first.variance(B) + VARIANCE_FLOOR, usable)
     model, kept = _fit_total(B, C - B, usable, least[0] + least[1])
     (share, _), total = (
-        plate_share(C, B, model.variance(B) + _VARIANCE_FLOOR, kept),
+        plate_share(C, B, model.variance(B) + VARIANCE_FLOOR, kept),
         model.coefficients,
     )
     return (
@@ -127,7 +126,7 @@ def _fit_channel(
         inliers, scatter = _clipped_scatter(d[start:stop], float(np.polyval(least[::-1], at)))
         inside[order[start:stop][inliers]] = True
         level.append(at)
-        variance.append(scatter + _VARIANCE_FLOOR)
+        variance.append(scatter + VARIANCE_FLOOR)
         count.append(inliers.sum())
     kept[usable] = inside
     # Relative errors: √(2 / count) of a sample variance, about a tenth of the model.

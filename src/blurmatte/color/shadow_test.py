@@ -14,6 +14,7 @@ import scipy
 from blurmatte.checks import Array, Bools, rows_columns
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.radiometry.compression import BLOCK
 from blurmatte.statistics import block_sums, window_sums
 from blurmatte.streaks import Streak, dilated, shift_variance
 
@@ -26,7 +27,6 @@ _ITERATIONS = 6  # of fitting the hue, which converges in three
 _MIN_OBJECT_LIGHT = 0.06
 # Standard deviations by which the residual's energy must exceed that of noise
 _NOISE_STD = 3.0
-_BLOCK_PX = 8  # width of the blocks over which noise may be correlated
 # Change outside the streak, over that within it, that is taken for another moving object
 _MIN_OTHER_MOTION = 0.5
 _MIN_OTHER_MOTION_CHI2 = 3.0  # the same over the variance of noise
@@ -128,14 +128,14 @@ def _other_motion(lost: Array, inside: Bools) -> Bools:
     shared: Array = np.einsum("hwc,hwc->hw", lost, around)
     usual = float(shared[inside].sum()) / max(int(np.count_nonzero(inside)), 1)
     threshold = max(_MIN_OTHER_MOTION * usual, _MIN_OTHER_MOTION_CHI2)
-    much: Bools = scipy.ndimage.uniform_filter(shared, _BLOCK_PX) > threshold
-    return dilated(much & ~inside, _BLOCK_PX)
+    much: Bools = scipy.ndimage.uniform_filter(shared, BLOCK) > threshold
+    return dilated(much & ~inside, BLOCK)
 
 
 def _energy(x: Array, inside: Bools, outside: Bools) -> float:
     """Mean product of neighbors inside, minus an upper bound of that of noise."""
     usual, spread = _neighbor_product(x, outside)
-    blocks = max(np.count_nonzero(inside) / _BLOCK_PX**2, 1)
+    blocks = max(np.count_nonzero(inside) / BLOCK**2, 1)
     bound = usual + _NOISE_STD * spread / float(np.sqrt(blocks))
     return _neighbor_product(x, inside)[0] - bound
 
@@ -148,7 +148,7 @@ def _neighbor_product(x: Array, where: Bools) -> tuple[float, float]:
         both[(slice(None),) * axis + (slice(-1, None),)] = False
         total += both * np.einsum("hwc,hwc->hw", x, np.roll(x, -1, axis))
         count += both
-    size = _BLOCK_PX
+    size = BLOCK
     sums, counts = (block_sums(z, size) for z in (total, count))
     full = counts > size**2
     mean = float(total.sum() / max(count.sum(), 1))

@@ -40,6 +40,7 @@ from blurmatte.color.evidence import (
 from blurmatte.color.model import ColorModel, unit
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB, LinearImage, are_gray, check_same_colors
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
 
 _BLOCK = 16  # pixels: noise of nearer pixels may be correlated by JPEG with subsampled chroma
@@ -60,7 +61,6 @@ _MIN_COARSE_STEP = 15.0
 _MIN_COARSE_BLOCKS = 3  # coded units of such a file that a streak must cover
 _RECOMPRESSIONS = 2  # images rendered for the error of compression
 _RECOMPRESSION_MARGIN_PX = 24  # surroundings of the streak in these
-_VARIANCE_FLOOR = 1e-14  # light²: guards a division
 
 
 def fit_color_from_hues(
@@ -339,7 +339,7 @@ def projection_vectors(plate: LinearImage, model: ColorModel) -> Floats32:
 def projection_weights(image: LinearImage, plate: LinearImage, m: Floats32) -> Floats32:
     """Weights (H, W) of p: 1 / Var p, 0 where the plate is not valid. The noise is known."""
     noise = np.asarray(image.variance + plate.variance, np.float32)
-    precision = 1 / np.maximum((m**2 * noise).sum(axis=-1), _VARIANCE_FLOOR)
+    precision = 1 / np.maximum((m**2 * noise).sum(axis=-1), VARIANCE_FLOOR)
     return np.where(plate.valid, precision, np.float32(0))
 
 
@@ -348,8 +348,8 @@ def projected_energy(p: Floats32, weight: Floats32, mask: Bools) -> float:
 
     Σ p would prefer large faint areas, where the plate fits poorly; Σ p² / Var p areas of low noise.
     """
-    weight = np.maximum(weight[mask], _VARIANCE_FLOOR)
-    return float(np.sum(p[mask] ** 2 - (weight > _VARIANCE_FLOOR) / weight))
+    weight = np.maximum(weight[mask], VARIANCE_FLOOR)
+    return float(np.sum(p[mask] ** 2 - (weight > VARIANCE_FLOOR) / weight))
 
 
 def streak_of_color(
@@ -372,7 +372,7 @@ def streak_of_color(
     p, r = (np.einsum("hwc,hwc->hw", a, image.rgb) for a in (m, n))
     of_color = np.abs(r) < 0.3 * p  # hues vary by less with shading and illuminants
     known = image.valid & (weight > 0)
-    r_weight = 1 / np.maximum((n**2 * (image.variance + plate.variance)).sum(-1), _VARIANCE_FLOOR)
+    r_weight = 1 / np.maximum((n**2 * (image.variance + plate.variance)).sum(-1), VARIANCE_FLOOR)
 
     def rank(streak: Streak) -> tuple[bool, float]:
         """Whether light of the color predominates, and its energy."""

@@ -16,6 +16,7 @@ from blurmatte.matting.evidence_kernel import evidence, evidence_of_matrices
 from blurmatte.matting.maps import MIN_VARIANCE, in_strips
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import BLOCK_SIZES, MEDIAN_1
 
 
@@ -167,7 +168,7 @@ def _of_texture(
         information, pull = np.zeros((2, *use.shape))
         t = (1 - alpha)[..., None]
         for axis, (both, c, b, v_C, v_B) in enumerate(pairs):
-            weight = both / (v_C + t**2 * v_B + texture_variance + 1e-14)
+            weight = both / (v_C + t**2 * v_B + texture_variance + VARIANCE_FLOOR)
             for total, values in ((information, b * b), (pull, b * (b - c) - t * v_B)):
                 half = np.sum(weight * values, axis=-1) / 2
                 total += half + np.roll(half, 1, axis)

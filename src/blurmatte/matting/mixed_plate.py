@@ -24,6 +24,7 @@ from blurmatte.checks import Array, Bools
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MAX_CHI2, MIN_VARIANCE, PixelMaps, Quality, alpha_flags
 from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 
 # Settings of the search for uncertain edges.
 _NEIGHBORHOOD_PX = 3  # width over which the covariance of the plate's light is taken
@@ -83,7 +84,7 @@ def _kappa(d2: Array, noise: Array, trace: Array) -> float:
     if d2.size == 0:
         return 0.0
     strong = trace >= np.quantile(trace, _EDGE_QUANTILE)
-    excess = np.sort(((d2 - noise) / (trace + 1e-14))[strong])
+    excess = np.sort(((d2 - noise) / (trace + VARIANCE_FLOOR))[strong])
     kept = excess[: int(np.ceil(_KEPT_FRACTION * len(excess)))]
     return max(float(kept.mean()) / _KEPT_MEAN, 0.0)
 

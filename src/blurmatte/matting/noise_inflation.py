@@ -12,6 +12,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.matting.evidence import PixelPairs, evidence_of
 from blurmatte.matting.evidence_kernel import residual
 from blurmatte.matting.maps import in_strips
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import (
     block_squares,
     block_sums,
@@ -51,7 +52,7 @@ def _around_streak(pixels: PixelPairs) -> float:
     """Noise inflation from the difference of image and plate."""
     C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
-    e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, 1e-14))
+    e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, VARIANCE_FLOOR))
     squares = block_squares(e, pixels.use, BLOCK_PX).ravel()
     return significant_inflation(squares, len(squares))
 

@@ -16,6 +16,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.compiling import njit
 from blurmatte.matting.maps import in_strips
 from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.sweep.model.silhouette import OPAQUE
 
 
@@ -86,7 +87,7 @@ def _light(known, M, rank, found):  # type: ignore[no-untyped-def]
                 rest[c] = C[y, x, c] - t * B[y, x, c]
                 W[c] = 0.0
                 if usable[y, x, c]:
-                    W[c] = 1.0 / max(V_C[y, x, c] + t * t * V_B[y, x, c], 1e-14)
+                    W[c] = 1.0 / max(V_C[y, x, c] + t * t * V_B[y, x, c], VARIANCE_FLOOR)
                     count += 1
                 for i in range(3):
                     weighed[c, i] = W[c] * M[c, i]

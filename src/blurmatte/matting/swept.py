@@ -8,6 +8,7 @@ from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
 from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import MEDIAN_3
 from blurmatte.sweep.assess.occlusion import mean_of_neighbors, occluded
 from blurmatte.sweep.model.silhouette import OPAQUE
@@ -66,7 +67,7 @@ def _occluded(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) ->
     use = image.valid & plate.valid
     weight = (alpha * use)[..., None]
     light = np.sum(weight * P, axis=(0, 1)) / max(float(np.sum(weight * alpha[..., None])), 1e-12)
-    variance = np.maximum(image.variance + plate.variance, 1e-14)
+    variance = np.maximum(image.variance + plate.variance, VARIANCE_FLOOR)
     C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
     return occluded(alpha, light, C, B, np.asarray(variance, float), use)
 

@@ -29,6 +29,8 @@ from blurmatte.radiometry.compression import Compression, FrameCoding
 from blurmatte.radiometry.noise_model import Noise, NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, Matrix3, Transfer, light_in_srgb
 
+VARIANCE_FLOOR = 1e-14  # light²: of rounding to 32-bit floats; guards divisions
+
 
 @dataclass(frozen=True)
 class Meta:
@@ -337,7 +339,7 @@ def smooth_variance(picture: LinearImage) -> Array:
     """
     raw = picture.variance.astype(float)
     variance: Array = scipy.ndimage.gaussian_filter(raw, sigma=(2.0, 2.0, 0))
-    return np.maximum(variance, 1e-14)
+    return np.maximum(variance, VARIANCE_FLOOR)
 
 
 def rounding_noise(picture: LinearImage) -> NoiseModel:

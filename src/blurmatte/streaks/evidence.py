@@ -19,6 +19,7 @@ import scipy
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, Noise, rounding_noise
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import cell_means, robust_std
 
 # Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells.
@@ -89,7 +90,7 @@ def _normalized_difference(
     )
     variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
     edge = _edge_energy(B)
-    variance = variance + 9 * _mean_square_shift(d, variance, edge) * edge + 1e-14
+    variance = variance + 9 * _mean_square_shift(d, variance, edge) * edge + VARIANCE_FLOOR
     z = np.where(known[..., None], d / np.sqrt(variance), 0)
     rounding = (rounding_noise(image).variance(B) + rounding_noise(plate).variance(B)) / variance
     return tuple(np.asarray(a, dtype=np.float32) for a in (z, known, rounding))  # type: ignore[return-value]
@@ -130,7 +131,7 @@ def _mean_square_shift(d: Floats, variance: Floats, edge: Floats) -> float:
     strong = energy >= np.quantile(energy, 0.9)
     noise = 0.79 * np.median(variance.sum(axis=-1)[strong])  # median over mean of χ², 3 d.o.f.
     excess = np.median((d**2).sum(axis=-1)[strong]) - noise
-    return max(float(excess / (np.median(energy[strong]) + 1e-14)), 0.0)
+    return max(float(excess / (np.median(energy[strong]) + VARIANCE_FLOOR)), 0.0)
 
 
 def light_change(image: LinearImage, plate: LinearImage) -> float:

@@ -10,6 +10,7 @@ from blurmatte.color.model import ColorModel, fuse_colors, perpendicular
 from blurmatte.color.streak import check_chroma_resolution, check_color_fit, fit_color_from_hues
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.fit_sweep import fit_sweep, likeliest_streak
 from blurmatte.sweep.sweep import Sweep
@@ -128,7 +129,7 @@ def _hue_std(model: ColorModel, image: LinearImage, plate: LinearImage, streak: 
     T = perpendicular(l)
     normal = np.cross(l, B)
     length2 = np.sum(normal**2, axis=1) + 1e-12
-    r_variance = np.sum((V_C + V_B) * normal**2, axis=1) / length2 + 1e-14
+    r_variance = np.sum((V_C + V_B) * normal**2, axis=1) / length2 + VARIANCE_FLOOR
     slope = np.cross(B, C) @ T
     by_noise = [np.sum(V_C * np.cross(t, B) ** 2 + V_B * np.cross(C, t) ** 2, axis=1) for t in T.T]
     weight = 1 / (length2 * r_variance)

@@ -18,6 +18,7 @@ import numpy.typing as npt
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Array, Bools, Box, Floats, rows_columns
 from blurmatte.radiometry import LinearImage, Noise, NoiseModel
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
@@ -164,7 +165,7 @@ class FittingSize:
         B, lit = (np.asarray(p.rgb, float).sum(axis=-1) for p in (before, after))
         change = np.where(B > 0, lit / np.where(B > 0, B, 1) - 1, 0)
         added = np.maximum(after.variance - before.variance, 0).sum(axis=-1)
-        light = np.maximum((np.asarray(before.rgb, float) ** 2).sum(axis=-1), 1e-14)
+        light = np.maximum((np.asarray(before.rgb, float) ** 2).sum(axis=-1), VARIANCE_FLOOR)
         return Lighting(change, np.sqrt(added / light), 0.0, self.origin, float(self.cell))
 
 

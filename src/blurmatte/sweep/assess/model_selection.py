@@ -22,6 +22,7 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import block_squares
 from blurmatte.streaks import Streak
 from blurmatte.sweep.model.color_field import fit_field
@@ -71,7 +72,7 @@ def evidence_of(
     light = C, B, V_C, V_B
     field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
     chi2 = (e**2).sum(axis=0)
-    noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, 1e-14)
+    noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, VARIANCE_FLOOR)
     added = (alpha_std**2)[..., None] * by_alpha / noise
     normalization = 0.5 * np.log1p(added).sum(axis=-1)
     cost = float((weight * (loss(chi2, observation.channels) + normalization)).sum()) + field.cost
