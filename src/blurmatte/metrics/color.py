@@ -15,7 +15,7 @@ from blurmatte.checks import (
     rows_columns,
 )
 from blurmatte.layer import Layer
-from blurmatte.metrics.inputs import check_all_finite, check_layer, picture_size, streak_of
+from blurmatte.metrics.alpha import check_all_finite, check_finite_layer, picture_size, streak_of
 from blurmatte.radiometry import SRGB, LinearImage
 
 
@@ -94,7 +94,7 @@ def premultiplied_rmse(estimated: Floats, true: Layer) -> float:
     """
     estimated = check_light("estimated", estimated)
     check_all_finite("estimated", estimated)
-    check_layer("true", true)
+    check_finite_layer("true", true)
     check_same_size("estimated", picture_size(estimated), "true", true.size)
     streak = streak_of(true.alpha)
     error = estimated[streak].astype(float) - true.premultiplied[streak]
@@ -125,7 +125,7 @@ def recomposite_psnr(estimated: Layer, true: Layer, background: LinearImage) -> 
         If the sizes differ, a number is not finite, or `true` holds no streak.
     """
     for name, layer in (("estimated", estimated), ("true", true)):
-        check_layer(name, layer)
+        check_finite_layer(name, layer)
     if not isinstance(background, LinearImage):
         raise TypeError(f"background must be a LinearImage, got {type(background).__name__}")
     check_same_size("estimated", estimated.size, "true", true.size)

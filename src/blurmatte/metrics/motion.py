@@ -12,7 +12,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Floats, check_light, check_map
-from blurmatte.metrics.inputs import check_all_finite
+from blurmatte.metrics.alpha import check_all_finite
 from blurmatte.trajectory import Trajectory
 
 _MAX_PSNR = 100.0  # dB, for a perfect stack, as in the benchmark

@@ -9,8 +9,7 @@ from tests.scenes import rendered, solution_of
 
 import blurmatte as bm
 from blurmatte.motion.space.rotation import _check_same, _Trial
-from blurmatte.motion.space.rotation_blades import Blades, ramp
-from blurmatte.motion.space.rotation_ring import RingPixels
+from blurmatte.motion.space.rotation_fit import Blades, RingPixels, ramp
 from blurmatte.rendering import Change, Sheet, colorful_plate
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
 from blurmatte.sweep.model.path import LINE

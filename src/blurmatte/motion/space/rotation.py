@@ -19,9 +19,9 @@ from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.picture.error_budget import OverExposure, by_axis, check_exposure
-from blurmatte.motion.space.rotation_blades import Blades
-from blurmatte.motion.space.rotation_ring import (
+from blurmatte.motion.space.rotation_fit import (
     NO_VARIATION,
+    Blades,
     blades_of,
     pixels_at,
     ring_around,
