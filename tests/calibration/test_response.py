@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
-from blurmatte.calibration.response_prior import CELLS, response_prior
+from blurmatte.calibration.response_inputs import CELLS, response_prior
 from blurmatte.radiometry import Meta
 
 FIVE = (1 / 64, 1 / 32, 1 / 16, 1 / 8, 1 / 4)

@@ -22,8 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 
-from blurmatte.calibration.bracket import MIN_SHARED, Bracket, Places
-from blurmatte.calibration.response_prior import CELLS, response_prior
+from blurmatte.calibration.response_inputs import CELLS, MIN_SHARED, Bracket, Places, response_prior
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import ResponseError
 from blurmatte.radiometry import LinearImage, Transfer
