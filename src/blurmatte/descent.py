@@ -9,7 +9,7 @@ from blurmatte.checks import Array
 
 # Damping, of the curvature
 _FIRST_DAMPING = 1e-2
-_MIN_DAMPING = 1e-7
+_MIN_DAMPING = 1e-7  # less has no effect on a step
 _DAMPING_AFTER_FAILURE = 0.1  # less hardly changes a step that failed
 # Factors of the damping after bad and good steps
 _INCREASE = 6

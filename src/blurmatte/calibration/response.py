@@ -49,7 +49,7 @@ _MAX_NOISE = 6 / 255  # of a code value, fraction of full scale; more is motion
 _CHANNEL_STD = 3.0  # standard deviations by which different channels must differ
 # Groups of code values for mean residuals, and places in one
 _GROUPS = 16
-_MIN_GROUP_PLACES = 20
+_MIN_GROUP_PLACES = 20  # of a mean residual
 
 
 @dataclass(frozen=True, eq=False)

@@ -46,10 +46,10 @@ from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.sweep.model.chroma_subsampling import codes_before
 
-_SAMPLES = 4
+_SAMPLES = 4  # of the posterior, which give the error
 _ROUNDS = 3, 2  # of the strengths, of the prior of edges
 _TOLERANCE = 0.02  # of the residual of conjugate gradients, relative
-_TOLERANCE_OF_SAMPLES = 0.05
+_TOLERANCE_OF_SAMPLES = 0.05  # the same of samples, whose scatter needs no more
 _MAX_PRODUCTS = 100  # of conjugate gradients
 
 

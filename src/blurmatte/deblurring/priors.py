@@ -56,12 +56,12 @@ from blurmatte.deblurring.normal_equations import (
 )
 
 _MAX_CONTRAST = 10.0  # root mean square difference of neighbors, linear light
-_MIN_CONTRAST = 1e-4
+_MIN_CONTRAST = 1e-4  # the same
 _TOLERANCE = 0.3  # of log μ
 _STEP = 0.5  # of log μ, for derivatives of the evidence
 _EXPONENT = 0.5  # p
 _SMALLEST_EDGE = 0.01  # ε, linear light
-_ITERATIONS = 5
+_ITERATIONS = 5  # of the quadratic bound of the prior of edges
 _RATIOS = 0.25 * 4.0 ** np.arange(6)  # τ
 _DECREASE = 0.4  # of λ, for a first guess, if τ increases by a factor 4
 

@@ -41,7 +41,7 @@ from blurmatte.statistics import scaled_inverse
 Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 
 LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
-MAX_STEPS = 8
+MAX_STEPS = 8  # of one refinement
 _DERIVATIVE_STEP_PX = 1.0  # on a sphere: motion between two moments
 _LEAST_RADIUS = 8.0  # of an object in coarse pictures, nodes
 

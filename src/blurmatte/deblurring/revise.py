@@ -34,7 +34,7 @@ from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 # Settings of the search for other motions.
 _RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
-_MAX_STEPS = 20
+_MAX_STEPS = 20  # of a refinement from another motion
 _LEAST_GAIN = 2.0  # of the log evidence by a step: the path is refined again
 _SCALES = (1.0, 0.7, 1.4)  # of paths to start from
 _FAR = 0.1  # change of the path, of the radius, from which other starts are tried

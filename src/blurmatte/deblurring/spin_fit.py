@@ -48,20 +48,20 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.sweep import Sweep
 
 VARIANCE_INFLATION = 3.0  # of the posterior of candidates, before it is measured; of rendered balls
-STRIPS_PER_RADIUS = 5
-MIN_RADIUS_PX = 6.0
+STRIPS_PER_RADIUS = 5  # parallel to the path; the scatter of their scores gives the covariance
+MIN_RADIUS_PX = 6.0  # from which on a texture is visible
 MAX_MISFIT = 3.0  # reduced χ² of the residuals
 SIGNIFICANT = 4.0  # standard deviations of a rotation that is not zero
 MIN_COLOR_ANGLE = np.radians(5)  # from white, of a paint that is not gray
 PATH_PRIOR_PX = 0.5  # a texture that turns biases the path of a sweep by more than its stated error
-RADIUS_PRIOR_PX = 0.1
+RADIUS_PRIOR_PX = 0.1  # the same of its radius
 MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
 PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
-_COARSE_PIXELS_PER_RADIUS = 7
+_COARSE_PIXELS_PER_RADIUS = 7  # of the view in which rotations are sought
 _MAX_STARTS = 24  # from the grid
 _RANKED_AGAIN = 150  # rotations of the grid
-_NEAR = np.radians(20)
-_FIRST_STEPS = 3
+_NEAR = np.radians(20)  # from the likeliest rotation, of further starts
+_FIRST_STEPS = 3  # of each start, before they are compared
 _MAX_FINE = 3  # candidates on the fine lattice
 _HOPELESS_LOG_BAYES_FACTOR = 40.0  # behind, after the first steps
 

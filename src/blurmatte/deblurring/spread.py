@@ -30,7 +30,7 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import PointSpread
 
-_MAX_ITERATIONS = 500
+_MAX_ITERATIONS = 500  # of projected gradients
 _DRAWS = 12  # alphas drawn for the error
 _MIN_WITHIN = 0.8  # of the silhouette that is within the streak
 _SIGNIFICANT = 3.0  # alpha of the streak, standard deviations
