@@ -40,10 +40,10 @@ from blurmatte.color.evidence import (
 from blurmatte.color.model import ColorModel, unit
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB, LinearImage, are_gray, check_same_colors
+from blurmatte.radiometry.compression import MACROBLOCK
 from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
 
-_BLOCK = 16  # pixels: noise of nearer pixels may be correlated by JPEG with subsampled chroma
 _IF_ROUND = "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"
 
 # Requirements on pixels, and limits of an accepted fit.
@@ -145,8 +145,8 @@ def check_chroma_resolution(image: LinearImage, streak: Streak) -> None:
 
 
 def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> StreakPixels:
-    """A regular selection of the streak's usable pixels, ordered by block."""
-    box = streak.around(_BLOCK)
+    """A regular selection of the streak's usable pixels, by blocks in which JPEG correlates noise."""
+    box = streak.around(MACROBLOCK)
     image, plate = image.crop(box), plate.crop(box)
     inside = streak.mask[rows_columns(box)]
     usable = image.valid & plate.valid
@@ -165,7 +165,7 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> St
     y, x = y[::step], x[::step]
     # Blocks on the grid of JPEG, which starts at the picture's corner.
     at = np.stack([y + box[1], x + box[0]], axis=1)
-    blocks, block = np.unique(at // _BLOCK, axis=0, return_inverse=True)
+    blocks, block = np.unique(at // MACROBLOCK, axis=0, return_inverse=True)
     _, tile = np.unique(at // _tile(step), axis=0, return_inverse=True)
     order = np.lexsort((tile, block))
     y, x = y[order], x[order]
@@ -198,7 +198,7 @@ def _compression_covariance(
 
 def _tile(step: int) -> int:
     """Width of a tile that divides a block and holds 8 or more of every `step`-th pixel."""
-    return next((size for size in (4, 8) if size**2 >= 8 * step), _BLOCK)
+    return next((size for size in (4, 8) if size**2 >= 8 * step), MACROBLOCK)
 
 
 def _check_determined(model: ColorModel, pixels: StreakPixels) -> None:

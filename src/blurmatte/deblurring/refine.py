@@ -36,6 +36,7 @@ from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prio
 from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
 from blurmatte.deblurring.priors import GaussianFit, fit_gaussian, fit_strength, refit_strength
 from blurmatte.deblurring.view import View
+from blurmatte.radiometry.compression import BLOCK
 from blurmatte.statistics import scaled_inverse
 
 Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
@@ -56,7 +57,6 @@ _LEAST_RADIUS = 8.0  # of an object in coarse pictures, nodes
 _LEAST_CURVATURE = 0.1
 _LONGEST_STD = 6.0
 _SAMPLES = 4  # of noise in a picture
-_MAX_LAG_PX = 8  # of the autocorrelation: a block of a JPEG file
 
 
 @dataclass(frozen=True, eq=False)
@@ -353,8 +353,8 @@ def _spectrum(residual: Array, use: Bools) -> Array:
     pairs = np.fft.irfft2(np.abs(np.fft.rfft2(use.astype(float), size)) ** 2, size)
     products = np.fft.irfft2(energy.mean(axis=-1), size)
     lags = [np.minimum(np.arange(n), n - np.arange(n)) for n in size]
-    y, x = (np.maximum(1 - lag / _MAX_LAG_PX, 0) for lag in lags)
-    # A triangular window keeps an autocorrelation positive definite.
+    y, x = (np.maximum(1 - lag / BLOCK, 0) for lag in lags)
+    # Files correlate noise within a block; a triangular window keeps ρ positive definite.
     rho = y[:, None] * x * products / np.maximum(pairs, 1)
     power = np.maximum(np.fft.rfft2(rho).real, 0)
     return np.asarray(power / np.fft.irfft2(power, size)[0, 0])
@@ -362,4 +362,4 @@ def _spectrum(residual: Array, use: Bools) -> Array:
 
 def _padded(h: int, w: int) -> tuple[int, int]:
     """Size of transforms in which lags do not wrap around."""
-    return scipy.fft.next_fast_len(h + _MAX_LAG_PX), scipy.fft.next_fast_len(w + _MAX_LAG_PX)
+    return scipy.fft.next_fast_len(h + BLOCK), scipy.fft.next_fast_len(w + BLOCK)

@@ -24,7 +24,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, MedianNoise
 from blurmatte.radiometry import LinearImage, NoiseModel
 
-_MEDIUM_LIGHT = np.full(3, 0.2)
+_MEDIUM_LIGHT = np.full(3, 0.2)  # of white, of which the noise is stated
 _AGAINST = {
     Quality.SATURATED: "clipped",
     Quality.PLATE_IN_MODEL: "plate of the object's color",

@@ -34,6 +34,7 @@ from blurmatte.radiometry.transfer import Transfer
 Steps = tuple[tuple[int, ...], ...]
 
 BLOCK = 8  # pixels, width of a block of the cosine transform of JPEG files and clips
+MACROBLOCK = 2 * BLOCK  # pixels, the same of luma and subsampled chroma together
 _NOISE_SHAPE = 16, 64, 64, 3  # draws and a tile of pixels, over which expected values are averaged
 _SAMPLINGS = {(1, 1): "4:4:4", (2, 1): "4:2:2", (2, 2): "4:2:0"}
 _STRIP = 32  # rows of blocks that are transformed at a time: saves memory

@@ -21,7 +21,7 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import SRGB, LinearImage, Transfer
-from blurmatte.radiometry.compression import BLOCK, lost_change
+from blurmatte.radiometry.compression import MACROBLOCK, lost_change
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
 from blurmatte.statistics import cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
@@ -79,11 +79,10 @@ def _lost_light(state: State, image: LinearImage, step: float, corner: tuple[int
     light = np.maximum((1 - alpha)[..., None] * observation.B + own, 0)
     codes, plate = (np.asarray(transfer.encode(x)) for x in (light, observation.B))
     first = [int(at - (side - 1) / 2) + c for at, c in zip(observation.origin, corner, strict=True)]
-    macroblock = 2 * BLOCK  # of which chroma is one block
-    left, top = (at % macroblock for at in first)
+    left, top = (at % MACROBLOCK for at in first)
     fine = np.kron(codes - plate, np.ones((side, side, 1)))
     h, w = fine.shape[:2]
-    more = (top, -(top + h) % macroblock), (left, -(left + w) % macroblock), (0, 0)
+    more = (top, -(top + h) % MACROBLOCK), (left, -(left + w) % MACROBLOCK), (0, 0)
     matrix = ycbcr_matrix(LUMA_WEIGHTS_709)
     planes = np.pad(fine, more) @ matrix.T
     planes[..., 0] = lost_change(planes[..., 0], step)
