@@ -5,7 +5,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer, write
-from blurmatte.files.raster import save_pixels
+from blurmatte.files.raster_writing import save_pixels
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel
 
 

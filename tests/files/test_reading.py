@@ -14,7 +14,7 @@ import blurmatte as bm
 from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
-from blurmatte.files.raster import save_pixels
+from blurmatte.files.raster_writing import save_pixels
 from blurmatte.jpeg import jpeg_bytes, read_jpeg
 from blurmatte.radiometry import SRGB
 from blurmatte.radiometry.sensor import exif_orientation

@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 import blurmatte
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.files import raster
+from blurmatte.files import raster_writing
 from blurmatte.rendering import Ball, Scene, colorful_plate
 
 KILLED = 99
@@ -185,7 +185,7 @@ def watch(folder: Path, stop: int) -> list[str]:
         ):
             happens(name, args[0])
 
-    real_open, real_strips = io.open, raster._write_strips
+    real_open, real_strips = io.open, raster_writing._write_strips
 
     def opened(path, mode="r", *more, **options):  # type: ignore[no-untyped-def]
         file = real_open(path, mode, *more, **options)
@@ -197,7 +197,7 @@ def watch(folder: Path, stop: int) -> list[str]:
         happens("half written", folder)
         return real_strips(*args)
 
-    io.open, raster._write_strips = opened, half_written
+    io.open, raster_writing._write_strips = opened, half_written
     sys.addaudithook(audit)
     return events
 

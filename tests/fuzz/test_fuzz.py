@@ -10,7 +10,7 @@ from tests.fuzz.mutations import with_sums
 from tests.fuzz.sandbox import Case, Sandbox, fault_of_results
 from tests.fuzz.seeds import make_seeds
 
-from blurmatte.files.raster import save_pixels
+from blurmatte.files.raster_writing import save_pixels
 
 QUICK = 120  # damaged files of every run of the tests
 LONG = 10_000

@@ -37,7 +37,8 @@ from blurmatte.files.exif import (
     without_thumbnail,
 )
 from blurmatte.files.png import png_chunks, save_chunks
-from blurmatte.files.raster import IS_SRGB, Raster, save_pixels
+from blurmatte.files.raster import IS_SRGB, Raster
+from blurmatte.files.raster_writing import save_pixels
 from blurmatte.formats import JPEG, PNG, TIFF
 from blurmatte.jpeg import metadata_segments
 from blurmatte.radiometry.transfer import SRGB

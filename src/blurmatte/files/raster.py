@@ -1,10 +1,8 @@
-"""Picture files as stored: numbers, channel names and tags, read and written without conversion.
+"""Picture files as stored: numbers, channel names and tags, read without conversion.
 
-OpenImageIO reads and writes PNG, TIFF and EXR; Pillow writes JPEG. Sizes and formats are checked
-before memory is allocated. Failures to write are OSError, as for any file.
+Sizes and formats are checked before memory is allocated.
 """
 
-import io
 import math
 import mmap
 import re
@@ -20,7 +18,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Codes8, Floats32
+from blurmatte.checks import Bools, Floats32
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files import fits
 from blurmatte.files.errors import (
@@ -34,7 +32,6 @@ from blurmatte.files.errors import (
     wanted_channels,
 )
 from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbers, parse_tags
-from blurmatte.files.exr_blocks import distinct_blocks, repeat_blocks, written_rows
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import BMP, EXR, FITS, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
@@ -399,94 +396,3 @@ def _upright(stored: Sequence[npt.NDArray[Any]], tags: Mapping[str, Any]) -> lis
     """Stored arrays of pixels turned by the orientation of the file."""
     turn = exif_orientation(tags.get("Orientation", 1))
     return [np.ascontiguousarray(turn.upright(pixels)) for pixels in stored]
-
-
-def save_pixels(
-    path: Path,
-    parts: Sequence[npt.NDArray[Any]],
-    names: Sequence[str],
-    tags: Mapping[str, Any],
-) -> None:
-    """Write numbers losslessly: integers as integers, all floats as float32.
-
-    path: its extension determines the format.
-    parts (H, W) or (H, W, n): channels, one part after another, all of the type of the first.
-    names: of the channels.
-    tags: attributes of the file, by OpenImageIO's names.
-
-    Raises OSError if the file cannot be written completely.
-    """
-    import OpenImageIO as oiio
-
-    dtype = np.dtype(np.float32) if parts[0].dtype.kind == "f" else parts[0].dtype
-    form = "float" if dtype.kind == "f" else dtype.name
-    (height, width), sources = parts[0].shape[:2], None
-    rows = np.arange(height)
-    if path.suffix == ".exr":
-        sources = distinct_blocks(parts)
-        rows = written_rows(sources, height)
-    spec = oiio.ImageSpec(width, len(rows), len(names), form)
-    spec.channelnames = tuple(names)
-    if path.suffix == ".png":
-        spec["png:compressionLevel"] = 4  # a quarter of the time of level 6, 5 % larger files
-        # Paeth's filter in all rows: files as small as with one chosen for each, in 60 % of the time.
-        spec["png:filter"] = 0x80
-    spec.alpha_channel = names.index("A") if "A" in names else -1
-    if path.suffix in (".tif", ".exr"):
-        spec["compression"] = "zip"
-        spec["DateTime"] = "1970:01:01 00:00:00"  # the same picture gives the same bytes
-    for name, value in tags.items():
-        spec[name] = value
-    with plain_name(path, None) as name:
-        target = oiio.ImageOutput.create(name)
-        if target is None:
-            raise OSError(_first_line(oiio.geterror()))
-        written = target.open(name, spec) and _write_strips(target, parts, rows, dtype)
-        complaint = target.geterror()  # PNG reports a full disk only here
-        closed = target.close()
-        complaint += target.geterror()
-    if complaint or not (written and closed):
-        raise OSError(_first_line(complaint))
-    if sources is not None and len(rows) < height:
-        repeat_blocks(path, sources, height)
-
-
-def _write_strips(
-    target: Any,
-    parts: Sequence[npt.NDArray[Any]],
-    rows: npt.NDArray[np.intp],
-    dtype: np.dtype[Any],
-) -> bool:
-    """Interleave some rows of the parts strip by strip, without a second copy of the picture."""
-    count = 256  # a multiple of the compressed blocks of EXR and TIFF
-    for first in range(0, len(rows), count):
-        some = rows[first : first + count]
-        strip = np.dstack([part[some] for part in parts]).astype(dtype, copy=False)
-        end = first + len(some)
-        if not target.write_scanlines(first, end, 0, np.ascontiguousarray(strip)):
-            return False
-    return True
-
-
-def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> None:
-    """Write (H, W, 3) sRGB code values at quality 95 without chroma subsampling.
-
-    Pillow writes it: on a full disk OpenImageIO's JPEG library terminates the process.
-
-    Raises OSError if the file cannot be written completely.
-    """
-    from PIL import Image
-    from PIL.TiffImagePlugin import IFDRational
-
-    exif = Image.Exif()
-    ifd = exif.get_ifd(TiffTag.EXIF)
-    ifd[TiffTag.COLOR_SPACE] = IS_SRGB
-    if exposure_time:
-        ifd[TiffTag.EXPOSURE_TIME] = IFDRational(round(exposure_time * 1e6), 1_000_000)
-    content = io.BytesIO()  # if it wrote to the file, Pillow would not notice a full disk
-    Image.fromarray(codes).save(content, "JPEG", quality=95, subsampling=0, exif=exif)
-    path.write_bytes(content.getvalue())
-
-
-def _first_line(text: str) -> str:
-    return next((line.strip() for line in text.splitlines() if line.strip()), "no reason given")

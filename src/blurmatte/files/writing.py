@@ -23,7 +23,7 @@ from blurmatte.files.models import (
     noise_to_mapping,
     transfer_to_mapping,
 )
-from blurmatte.files.raster import save_jpeg, save_pixels
+from blurmatte.files.raster_writing import save_jpeg, save_pixels
 from blurmatte.files.solutions import (
     CHANNELS,
     save_stack,

@@ -4,8 +4,8 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from blurmatte.files.exr_blocks import distinct_blocks, written_rows
-from blurmatte.files.raster import load, save_pixels
+from blurmatte.files.raster import load
+from blurmatte.files.raster_writing import distinct_blocks, save_pixels, written_rows
 
 NAMES = ("R", "G", "B", "A", "quality.flags")
 WIDTH = 37
