@@ -28,7 +28,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
-from blurmatte.sweep.model.opacity_prior import OpacityPrior
+from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.sweep import Sweep
 
 MARGIN_PX = 16  # around a streak, of pixels where nothing moved

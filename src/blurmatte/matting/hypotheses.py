@@ -39,7 +39,7 @@ from blurmatte.sweep.assess.model_selection import (
 )
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
-from blurmatte.sweep.model.opacity_prior import OpacityPrior
+from blurmatte.sweep.model.priors import OpacityPrior
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 

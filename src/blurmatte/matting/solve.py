@@ -30,7 +30,7 @@ from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import Disc
-from blurmatte.sweep.model.motion_prior import MotionPrior
+from blurmatte.sweep.model.priors import MotionPrior
 from blurmatte.sweep.sweep import Sweep
 
 # Standard deviation of a guessed plate over its light, a third of what a soft shadow takes

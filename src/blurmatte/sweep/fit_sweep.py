@@ -37,10 +37,13 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.ranking import NEGATIVE_LIGHT, Candidate, best_of, is_source
-from blurmatte.sweep.fit.residuals import (
+from blurmatte.sweep.fit.ranking import (
+    NEGATIVE_LIGHT,
+    Candidate,
+    best_of,
     explained_fraction,
     hue_inflation,
+    is_source,
     noise_inflation,
 )
 from blurmatte.sweep.fit.shadow import in_shadow
@@ -56,9 +59,8 @@ from blurmatte.sweep.hypotheses import (
 )
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
-from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.opacity_prior import OpacityPrior
+from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State, state_at

@@ -18,8 +18,8 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
 from blurmatte.sweep.fit.outline import HIGHEST_ORDER, fit_growing, fit_outline
-from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.fit.residuals import (
+from blurmatte.sweep.fit.ranking import (
+    Candidate,
     residual_excess,
 )
 from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded

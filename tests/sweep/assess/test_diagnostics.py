@@ -22,8 +22,8 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball, Change, Sheet
 from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.fit.residuals import (
+from blurmatte.sweep.fit.ranking import (
+    Candidate,
     residual_excess,
 )
 from blurmatte.sweep.model.path import LINE

@@ -13,9 +13,9 @@ from blurmatte.sweep.assess.opacity import RARE_ODDS, fit_opacity, is_at_rest
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
-from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.silhouette import DISC
 
 SIZE, CENTER, RADIUS = (96, 80), (47.0, 39.0), 15.0

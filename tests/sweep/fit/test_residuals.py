@@ -22,7 +22,7 @@ from tests.sweep.scenes import (
 
 from blurmatte.rendering import Change, Sheet
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.residuals import (
+from blurmatte.sweep.fit.ranking import (
     colors_are_correlated,
     noise_inflation,
     outlier_fraction,

@@ -35,7 +35,7 @@ from blurmatte.motion.clip.smoothing import (
 )
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
-from blurmatte.sweep.model.motion_prior import MotionPrior, PathPrior
+from blurmatte.sweep.model.priors import MotionPrior, PathPrior
 
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
 _RADIUS_ORDER = 2  # value and slope

@@ -21,8 +21,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import NODES_PER_RADIUS, with_principal_axes
-from blurmatte.sweep.fit.ranking import Candidate, best_of
-from blurmatte.sweep.fit.residuals import residual_excess
+from blurmatte.sweep.fit.ranking import Candidate, best_of, residual_excess
 from blurmatte.sweep.fit_sweep import fit_sweep
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around

@@ -7,9 +7,10 @@ import numpy as np
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.fit.ranking import Candidate, rejection
-from blurmatte.sweep.fit.residuals import (
+from blurmatte.sweep.fit.ranking import (
+    Candidate,
     outlier_fraction,
+    rejection,
     residual_excess,
 )
 from blurmatte.sweep.model.state import State

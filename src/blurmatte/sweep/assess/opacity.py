@@ -38,7 +38,7 @@ from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.occlusion import occluded
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
-from blurmatte.sweep.model.opacity_prior import OpacityPrior
+from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.state import State
 
 # Blocks, and the priors of noise and sampling.

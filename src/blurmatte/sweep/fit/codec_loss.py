@@ -25,8 +25,8 @@ from blurmatte.radiometry.compression import MACROBLOCK, lost_change
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
 from blurmatte.statistics import cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.fit.residuals import (
+from blurmatte.sweep.fit.ranking import (
+    Candidate,
     colors_are_correlated,
 )
 from blurmatte.sweep.model.cast_shadow import CastShadow

@@ -21,9 +21,9 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import best_of, bic_penalty, ranked, rejection
 from blurmatte.sweep.model.color_field import ColorPrior
-from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.path import FAMILIES, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.model.priors import MotionPrior
 from blurmatte.sweep.model.silhouette import DISC, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 

@@ -1,9 +1,10 @@
-"""MotionPrior: radius and path in one exposure, as other frames of its clip predict them."""
+"""What is known besides the pictures: radius and path from other frames, and the opacity."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 import scipy
@@ -162,3 +163,18 @@ class MotionPrior:
             both[:6, :6], both[6:, 6:] = np.linalg.inv(self.path.covariance), precision
             precision = both
         return residual, J, self.weight * precision
+
+
+class OpacityPrior(StrEnum):
+    """What is known of an object's opacity before the picture is looked at.
+
+    Examples
+    --------
+    >>> glass = bm.matting.Averaged(opacity=bm.sweep.OpacityPrior.ANY)
+    >>> bm.solve(image, plate, solver=glass).grade
+    <Grade.CONFIRMED: 'confirmed'>
+    """
+
+    USUAL = "usual"  #: most objects are solid: decisive evidence is necessary for another opacity
+    SOLID = "solid"  #: it is known to be 1
+    ANY = "any"  #: solid or not with even odds; if not, every opacity from 0 to 1 is as likely
