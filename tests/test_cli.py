@@ -24,7 +24,7 @@ from tests.scenes.texts import BALL
 import blurmatte as bm
 from blurmatte.cli.console import ExitCode, swatches
 from blurmatte.explain import grade_in_words
-from blurmatte.matting.alternatives import Alternative
+from blurmatte.matting.summary import Alternative
 from blurmatte.rendering import add_noise, colorful_plate
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)

@@ -16,8 +16,7 @@ import blurmatte as bm
 from blurmatte.cli.console import in_degrees
 from blurmatte.clips.table import PictureRecord
 from blurmatte.figures.sheet import Canvas
-from blurmatte.matting.alternatives import Alternative
-from blurmatte.matting.summary import mean_light
+from blurmatte.matting.summary import Alternative, mean_light
 from blurmatte.radiometry import hex_of_light
 from blurmatte.rendering import colorful_plate
 from blurmatte.results import RESULT_FILES

@@ -16,8 +16,8 @@ from blurmatte.explain import (
 )
 from blurmatte.explain.grade import also_moved
 from blurmatte.matting import Grade, Quality, SolutionStats
-from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import ShadowSummary, SweepSummary
+from blurmatte.matting.summary import Alternative
 from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.assess.calibration import REASONS as TERM_REASONS
 from blurmatte.sweep.assess.calibration import ErrorTerms

@@ -9,8 +9,8 @@ from blurmatte.figures import draw_overview
 from blurmatte.figures.drawing import Palette
 from blurmatte.figures.solution import _layout, _surroundings
 from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
-from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import SweepSummary
+from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.streaks import Streak

@@ -19,7 +19,6 @@ from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer, read_solution, write
 from blurmatte.files.solutions import save_stack, stats_to_mapping
 from blurmatte.matting import Grade, Quality, Solution, SolutionStats
-from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.stats import (
     MatchSummary,
     MedianNoise,
@@ -27,6 +26,7 @@ from blurmatte.matting.stats import (
     SmoothSummary,
     SweepSummary,
 )
+from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import NoiseModel
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import ErrorTerms

@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from blurmatte.background import Matching
 from blurmatte.color import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
-from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.object_light import light_given
+from blurmatte.matting.special_pixels import one_clipped
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 

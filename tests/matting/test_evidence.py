@@ -9,8 +9,13 @@ from tests.scenes import photographed, rendered
 from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
 from blurmatte.matting.case import grown_mask
-from blurmatte.matting.evidence import evidence_of, min_alpha, pixels_of, without_fine_structure
-from blurmatte.matting.noise_inflation import noise_inflation
+from blurmatte.matting.evidence import (
+    evidence_of,
+    min_alpha,
+    noise_inflation,
+    pixels_of,
+    without_fine_structure,
+)
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, textured_plate
 from blurmatte.statistics import variance_inflation

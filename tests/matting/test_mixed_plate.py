@@ -7,7 +7,7 @@ import pytest
 
 import blurmatte as bm
 from blurmatte.matting.evidence import _at_edges, evidence_of, pixels_of
-from blurmatte.matting.mixed_plate import (
+from blurmatte.matting.special_pixels import (
     MixedPlate,
     mixed_plate,
     solve_mixed_plate,

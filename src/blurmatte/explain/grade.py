@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.explain.numbers import rounded_std, with_article, with_error
-from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SolutionStats, SweepSummary
+from blurmatte.matting.summary import Alternative
 
 _MOST_BOXES = 5  # that are named
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible

@@ -34,9 +34,9 @@ from blurmatte.figures.drawing import (
     srgb_codes,
 )
 from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
-from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution, check_solution
+from blurmatte.matting.summary import MAX_ALTERNATIVES, Alternative
 from blurmatte.radiometry import LinearImage, check_picture
 
 _BANNERS = {Grade.PLAUSIBLE: Palette.streak, Grade.ASSUMED: Palette.warning}

@@ -18,10 +18,9 @@ import scipy
 from blurmatte.background import Match
 from blurmatte.checks import Bools, Box, Codes8, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
-from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate
-from blurmatte.matting.noise_inflation import noise_inflation
+from blurmatte.matting.special_pixels import MixedPlate, mixed_plate
 from blurmatte.matting.stats import SolutionStats
 from blurmatte.radiometry import LinearImage, Noise
 from blurmatte.streaks import Streak

@@ -26,7 +26,6 @@ from blurmatte.checks import Box, Codes, Codes8, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.compiling import FAST_MATH, njit
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
-from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.maps import (
     MAX_CHI2,
     MAX_RANGE_STDS,
@@ -35,7 +34,7 @@ from blurmatte.matting.maps import (
     Quality,
     in_strips,
 )
-from blurmatte.matting.mixed_plate import solve_mixed_plate
+from blurmatte.matting.special_pixels import solve_clipped, solve_mixed_plate
 from blurmatte.matting.stats import SolutionStats
 from blurmatte.radiometry import Noise, NoiseModel
 

@@ -21,19 +21,18 @@ from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.averaging import as_fraction
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
 from blurmatte.matting.evidence import (
+    BLOCK_PX,
     FirstEstimate,
     PixelPairs,
     evidence_of,
     min_alpha,
+    noise_inflation,
     pixels_of,
     without_fine_structure,
 )
-from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.light_priors import with_brightness, with_mixture
 from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
-from blurmatte.matting.mixed_plate import MixedPlate
-from blurmatte.matting.noise_inflation import BLOCK_PX, noise_inflation
-from blurmatte.matting.object_light import light_given
+from blurmatte.matting.object_light import inpaint_light, light_given
 from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.rounding import rounding_pulls
@@ -47,6 +46,7 @@ from blurmatte.matting.smooth_field import (
     simulated_variance,
     sum_variance,
 )
+from blurmatte.matting.special_pixels import MixedPlate
 from blurmatte.matting.stats import SmoothSummary, SolutionStats
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.chroma_subsampling import (

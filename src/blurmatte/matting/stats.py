@@ -14,7 +14,6 @@ from annotated_types import Interval
 
 from blurmatte.background.match import Match
 from blurmatte.checks import MAX_PX, Direction, Floats
-from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
@@ -24,6 +23,7 @@ from blurmatte.matting.calibration import (
     graded,
 )
 from blurmatte.matting.maps import Grade
+from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.sweep.assess.calibration import ErrorTerms
 from blurmatte.sweep.sweep import Diagnostics, Sweep

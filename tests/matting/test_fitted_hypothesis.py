@@ -14,7 +14,7 @@ from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Smooth, Swept, solve
 from blurmatte.matting.averaging import AlphaEstimate
-from blurmatte.matting.swept import write_swept
+from blurmatte.matting.fitted_hypothesis import write_swept
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,

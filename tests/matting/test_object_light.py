@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from tests.scenes import photographed, rendered
 
 from blurmatte.matting import PixelMaps, Quality, solve
-from blurmatte.matting.inpainting import inpaint_light
+from blurmatte.matting.object_light import inpaint_light
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Camera, Scene, plain_plate
 from blurmatte.trajectory import Trajectory

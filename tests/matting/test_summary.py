@@ -8,9 +8,9 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import PixelMaps
-from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative, listed
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.fitted_hypothesis import Shapeless
+from blurmatte.matting.summary import MAX_ALTERNATIVES, Alternative, listed
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.sweep.assess.model_selection import Evidence
 
