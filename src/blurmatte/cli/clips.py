@@ -18,6 +18,7 @@ from blurmatte.explain.clip import clip_in_words, summary_in_words
 from blurmatte.motion.clip.balls import balls_in_space
 from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.detections import FrameSightings
+from blurmatte.motion.clip.measure import radius_spread
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured
 from blurmatte.motion.clip.summary import (
     KnownQuantities,
@@ -26,7 +27,6 @@ from blurmatte.motion.clip.summary import (
     clip_table,
     summaries,
 )
-from blurmatte.motion.clip.transfer_spread import radius_spread
 from blurmatte.motion.clip.workers import return_freed_memory
 from blurmatte.motion.picture.motion import MAX_READOUT
 

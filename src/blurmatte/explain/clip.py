@@ -8,8 +8,7 @@ from blurmatte.explain.motion import fall_in_words, scatter_in_words
 from blurmatte.matting.maps import Grade
 from blurmatte.motion.clip.detections import FrameMotion
 from blurmatte.motion.clip.positions_3d import BallPlace
-from blurmatte.motion.clip.scatter import frame_scatter
-from blurmatte.motion.clip.summary import ObjectSummary, median_and_scatter, reliable
+from blurmatte.motion.clip.summary import ObjectSummary, frame_scatter, median_and_scatter, reliable
 
 
 def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> list[str]:

@@ -27,7 +27,7 @@ from blurmatte.explain.motion import (
 from blurmatte.explain.solution import solution_in_words
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.fall import FreeFall
-from blurmatte.motion.clip.scatter import Scatter
+from blurmatte.motion.clip.summary import Scatter
 from blurmatte.motion.picture.motion import Motion, Speed
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.depth import BlurDepth

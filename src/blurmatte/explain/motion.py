@@ -8,7 +8,7 @@ from blurmatte.checks import Direction
 from blurmatte.deblurring.spin import Spin
 from blurmatte.explain.numbers import direction, with_article, with_error
 from blurmatte.motion.clip.fall import FreeFall
-from blurmatte.motion.clip.scatter import Scatter
+from blurmatte.motion.clip.summary import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.depth import BlurDepth

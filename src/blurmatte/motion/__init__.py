@@ -13,10 +13,10 @@ from blurmatte.motion.clip.linking import link_sightings as link_sightings
 from blurmatte.motion.clip.measure import sightings as sightings
 from blurmatte.motion.clip.positions_3d import BallPlace as BallPlace
 from blurmatte.motion.clip.positions_3d import places_in_space as places_in_space
-from blurmatte.motion.clip.scatter import Scatter as Scatter
-from blurmatte.motion.clip.scatter import frame_scatter as frame_scatter
 from blurmatte.motion.clip.steps import measure_clip as measure_clip
 from blurmatte.motion.clip.steps import solve_clip as solve_clip
+from blurmatte.motion.clip.summary import Scatter as Scatter
+from blurmatte.motion.clip.summary import frame_scatter as frame_scatter
 from blurmatte.motion.clip.workers import Workers as Workers
 from blurmatte.motion.picture.measure import EndSilhouettes as EndSilhouettes
 from blurmatte.motion.picture.measure import end_silhouettes as end_silhouettes

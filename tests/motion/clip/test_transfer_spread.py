@@ -9,7 +9,7 @@ from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
-from blurmatte.motion.clip.transfer_spread import radius_spread
+from blurmatte.motion.clip.measure import radius_spread
 from blurmatte.radiometry import REC709, SRGB, LinearImage, Meta
 from blurmatte.rendering import plain_plate
 from blurmatte.sweep.fit_sweep import fit_disc

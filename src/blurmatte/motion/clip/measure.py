@@ -2,6 +2,10 @@
 
 Each frame is measured alone, so that frames can be measured in any order, and an interrupted clip can
 be resumed. `link_sightings` joins the detections to tracks.
+
+The radius depends on the transfer curve, which a clip may not state. A rim is where half of the light
+is the object's. With another curve this half is elsewhere, so all radii shift alike. A few frames that
+are measured with each curve give that shift, which no scatter of frames shows.
 """
 
 import warnings
@@ -18,7 +22,7 @@ from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError, PlateError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
-from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameSightings, Sighting
+from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameMotion, FrameSightings, Sighting
 from blurmatte.motion.clip.matched_filter import (
     MAX_PARTS,
     MAX_PARTS_OF_SEVERAL,
@@ -36,6 +40,7 @@ from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around
 from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
@@ -43,6 +48,7 @@ _NO_COLOR = (
     "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
     "hidden"
 )
+_FRAMES = 3  # measured with each curve; their shifts differ by a tenth
 
 
 def sightings(
@@ -305,3 +311,60 @@ def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -
         float(streak.evidence),
         sweep.diagnostics.residual_excess,
     )
+
+
+def radius_spread(
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    rows: Sequence[FrameMotion],
+    numbers: Iterable[int] | None = None,
+    camera: CameraPath | None = None,
+) -> float:
+    """Relative standard deviation of the radius over the curves; 0 if no frame shows it.
+
+    frames, plate: decoded with the curve that was assumed.
+    rows: places in pixels of the frames.
+    numbers: of the frames, 0, 1, … if not given.
+    camera: of one that moves, on whose canvas the plate is.
+    """
+    places = {k: i for i, k in enumerate(range(len(frames)) if numbers is None else numbers)}
+    whole = [(r.frame, r.sighting) for r in rows if r.sighting is not None and r.sighting.is_whole]
+    if not whole:
+        return 0.0
+    inner = (np.arange(_FRAMES) + 0.5) * len(whole) / _FRAMES  # off the ends, which may be cut
+    some = [whole[k] for k in inner.astype(int)]
+
+    def behind(k: int) -> LinearImage:
+        """The plate of a frame."""
+        return plate if camera is None else camera.plate_at(k, plate)
+
+    at = ((places[k], one) for k, one in dict(some).items())
+    found = [_log_radii(frames[k], behind(k), one) for k, one in at]
+    known = [radii for radii in found if radii is not None]
+    return float(np.sqrt(np.mean(np.mean(known, axis=0) ** 2))) if known else 0.0
+
+
+def _log_radii(
+    frame: LinearImage, plate: LinearImage, seen: Sighting
+) -> np.typing.NDArray[np.float64] | None:
+    """(curves,) log of the radius with each curve over that with the assumed one; None if unknown."""
+    assumed = frame.meta.transfer
+    if assumed is None:
+        return None
+    (width, height), reach = frame.size, seen.motion.radius + _MARGIN
+    xs, ys = seen.motion.trajectory.xy[[0, -1]].T.tolist()
+    box = (
+        max(int(min(xs) - reach), 0),
+        max(int(min(ys) - reach), 0),
+        min(int(max(xs) + reach) + 1, width),
+        min(int(max(ys) + reach) + 1, height),
+    )
+    image, behind = frame.crop(box), plate.crop(box)
+    radii = []
+    try:
+        for curve in (assumed, *UNSTATED_CURVES):
+            pair = with_curve(image, behind, curve)
+            radii.append(fit_disc(*pair, find_streaks(*pair)[0]).radius)
+    except (BlurmatteError, IndexError):
+        return None
+    return np.asarray(np.log(np.array(radii[1:]) / radii[0]))

@@ -21,7 +21,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,6 +29,7 @@ from typing import Any, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.interrupts import without_interrupts
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedSequence
@@ -36,6 +37,7 @@ from blurmatte.radiometry.coded import CodedSequence
 FRAMES_PER_TASK = 10, 50  # of a clip that each process opens itself, at least and at most
 TASKS_PER_WORKER = 2  # at least, if there are enough frames
 MAX_ATTEMPTS = 3  # of a task whose process dies
+RETRIES = 2  # of a task whose worker of a cluster is lost
 _ALIGNMENT = 64  # bytes, of arrays in a file
 _M_MMAP_THRESHOLD = -3  # its number in malloc.h
 _MMAP_THRESHOLD_BYTES = 2 << 20
@@ -213,6 +215,49 @@ class Workers:
         path = Path(self._folder.name).absolute() / str(self._sent_count)
         _save(path, work)
         return path
+
+
+@contextmanager
+def cluster_workers(scheduler: Any, folder: str | Path) -> Iterator[Workers]:
+    """The workers of a Dask cluster; needs the `cluster` extra.
+
+    Parameters
+    ----------
+    scheduler : str or distributed.Client
+        Its address, such as "tcp://host:8786", or a client, which stays open.
+    folder : str or Path
+        On a disk that all machines reach by the same path; inputs and results are there, too.
+
+    Raises
+    ------
+    BlurmatteError
+        If `distributed` is not installed.
+    ValueError
+        If the cluster has no workers.
+
+    Examples
+    --------
+    >>> from distributed import Client  # doctest: +SKIP
+    >>> client = Client("tcp://host:8786")  # doctest: +SKIP
+    >>> with bm.clips.cluster_workers(client, "/shared/rally") as workers:  # doctest: +SKIP
+    ...     events = list(bm.save_clip(run, "/shared/rally", workers))
+    """
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise BlurmatteError("a cluster needs: pip install 'blurmatte[cluster]'") from error
+    client = scheduler if isinstance(scheduler, Client) else Client(scheduler)
+    try:
+        threads = sum(client.nthreads().values())
+        if threads == 0:
+            raise ValueError(f"the scheduler {scheduler} has no workers; start some: dask worker")
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        executor = client.get_executor(retries=RETRIES)
+        with Workers(threads, executor, folder) as workers:
+            yield workers
+    finally:
+        if client is not scheduler:
+            client.close()
 
 
 @dataclass(frozen=True)
