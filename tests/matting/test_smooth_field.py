@@ -8,9 +8,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.matting import smooth_kernel as compiled
-from blurmatte.matting.pyramid import BORDER, CellEvidence
 from blurmatte.matting.smooth_field import (
+    BORDER,
     MIN_ALPHA,
+    CellEvidence,
     Prior,
     finer_field,
     fit_field,

@@ -43,7 +43,7 @@ from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import FirstEstimate
 from blurmatte.matting.evidence_kernel import along
 from blurmatte.matting.maps import in_strips
-from blurmatte.matting.pyramid import BORDER, CellEvidence, sums_2x2, upsampled
+from blurmatte.matting.smooth_field import BORDER, CellEvidence, sums_2x2, upsampled
 
 # Settings of the mixture prior.
 _LIGHT_STD_PX = 2.0  # standard deviation of the Gaussian over which light is averaged

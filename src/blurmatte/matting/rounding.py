@@ -15,7 +15,7 @@ from blurmatte.checks import Array, Floats, Ints32
 from blurmatte.matting.evidence import PixelPairs
 from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes
 from blurmatte.matting.maps import in_strips
-from blurmatte.matting.pyramid import BORDER, CellEvidence
+from blurmatte.matting.smooth_field import BORDER, CellEvidence
 from blurmatte.radiometry import YCBCR, LinearImage, Transfer
 
 

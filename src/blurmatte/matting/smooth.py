@@ -34,10 +34,11 @@ from blurmatte.matting.light_priors import with_brightness, with_mixture
 from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.matting.object_light import inpaint_light, light_given
 from blurmatte.matting.pixelwise import closed_form
-from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.matting.smooth_field import (
+    BORDER,
     MIN_ALPHA,
+    CellEvidence,
     Field,
     Prior,
     field_changes,
@@ -45,6 +46,7 @@ from blurmatte.matting.smooth_field import (
     fit_field,
     simulated_variance,
     sum_variance,
+    upsampled,
 )
 from blurmatte.matting.special_pixels import MixedPlate
 from blurmatte.matting.stats import SmoothSummary, SolutionStats

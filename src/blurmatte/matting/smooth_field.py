@@ -21,6 +21,9 @@ rougher than the fitted field. The field plus its smoothed residuals [twicing; T
 than the truth, by noise. Half of the simulations start from each. Where the residuals of the picture
 exceed those of the simulations, the truth is rougher than both, and the variance is multiplied by the
 ratio of their squares.
+
+Cells of each level are twice as wide as those of the level before. All maps have a border of `BORDER`
+cells, in which the mask is False.
 """
 
 from collections.abc import Callable
@@ -33,7 +36,6 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats
-from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
 from blurmatte.matting.smooth_kernel import (
     backward,
     conjugate_gradients,
@@ -45,6 +47,7 @@ from blurmatte.matting.smooth_kernel import (
     weigh,
 )
 
+BORDER = 2  # cells around all maps
 # Settings of the estimate of a field.
 _PRIOR_DOF = 1.0  # ν; one, since edges are common
 _PRECISION_WINDOW = 3  # cells across over which E[Dx Dxᵀ] is averaged
@@ -56,6 +59,59 @@ _MAX_STEPS = 300  # of conjugate gradients
 TOLERANCE = 1e-5  # gain of log likelihood per cell below which these stop
 MIN_ALPHA = -0.05  # at 0 only positive noise would remain, and sums would be too large
 _BOUND_STD = 0.01  # standard deviation by which a bound may be violated
+
+
+@dataclass(frozen=True, eq=False)
+class CellEvidence:
+    """Information on alpha in each cell; maps are (h, w), of the dtype of the computation."""
+
+    information: Floats  #: one over the variance of a cell's own alpha; 0 outside the mask
+    pull: Floats  #: that alpha times the information
+    mask: Bools  #: where alpha may be other than 0; False in the border
+    lower: Floats  #: lower bound of alpha
+
+    def weaker(self, factor: float) -> "CellEvidence":
+        """The same with `factor` times the variance."""
+        return replace(self, information=self.information / factor, pull=self.pull / factor)
+
+    @property
+    def count(self) -> int:
+        """Number of cells in the mask."""
+        return int(np.count_nonzero(self.mask))
+
+    def levels(self, max_cells: int) -> list["CellEvidence"]:
+        """The level and coarser ones, up to the first with at most `max_cells` cells."""
+        found = [self]
+        while found[-1].count > max_cells:
+            found.append(found[-1].coarser())
+        return found
+
+    def coarser(self) -> "CellEvidence":
+        """In cells of twice the width."""
+        count = sums_2x2(self.mask.astype(np.uint8))
+        lower = sums_2x2(np.where(self.mask, self.lower, 0))
+        return CellEvidence(
+            sums_2x2(self.information),
+            sums_2x2(self.pull),
+            count > 0,
+            (lower / np.maximum(count, 1)).astype(lower.dtype),
+        )
+
+
+def upsampled(values: Floats, shape: tuple[int, ...]) -> Floats:
+    """A map (h, w) in cells of half the width, interpolated linearly to a shape."""
+    out = np.zeros(shape, values.dtype)
+    doubled(values, BORDER, out)
+    return out
+
+
+def sums_2x2(values: Floats) -> Floats:
+    """Sums over 2 by 2 cells, with a border of the same width."""
+    inner = values[BORDER:-BORDER, BORDER:-BORDER]
+    h, w = inner.shape
+    inner = np.pad(inner, ((0, h % 2), (0, w % 2)))
+    rows = inner[::2] + inner[1::2]
+    return np.pad(rows[:, ::2] + rows[:, 1::2], BORDER)
 
 
 @dataclass(frozen=True)
