@@ -331,8 +331,6 @@ def _write_preview(path: Path, done: _Edit, longest: int = 640, rim: float = 0.3
 
     At most so many pixels wide or high; with a rim around the object, as a part of its size.
     """
-    from blurmatte.checks import grown
-
     assert done.picture is not None
     assert done.result is not None
     without, shown, layer = done.picture, done.result, done.after
@@ -342,7 +340,7 @@ def _write_preview(path: Path, done: _Edit, longest: int = 640, rim: float = 0.3
         without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)
     x0, y0, x1, y1 = layer.box
     edge = int(rim * max(x1 - x0, y1 - y0))
-    box = grown(layer.box, edge, layer.size)
+    box = bm.checks.grown(layer.box, edge, layer.size)
     first, second = without.crop(box), shown.crop(box)
     scale = min(1.0, longest / max(first.size))
     size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
