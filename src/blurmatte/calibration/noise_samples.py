@@ -120,7 +120,9 @@ def noise_within(picture: LinearImage, region: Bools) -> Sample:
     region = check_map("region", region, picture.valid.shape, kinds="b")
     if not region.any():
         raise ValueError("region must hold some pixels, got none")
-    place = rows_columns(box_of(region))
+    box = box_of(region)
+    picture, region = picture.crop(box), region[rows_columns(box)]
+    place = rows_to_measure(picture)
     use = _unclipped(picture, place) & region[place][..., None]
     require_pixels(use)
     light, e = np.asarray(picture.rgb[place], float), np.zeros(use.shape)
@@ -163,7 +165,7 @@ def _light(picture: LinearImage, rows: Rows) -> Floats32:
     return np.asarray(picture.rgb[rows], np.float32)
 
 
-def _unclipped(picture: LinearImage, place: Rows | tuple[slice, slice]) -> Bools:
+def _unclipped(picture: LinearImage, place: Rows) -> Bools:
     """(h, w, 3) where nothing is clipped, in files of code values also not at black."""
     valid: Bools = np.repeat(picture.valid[place][..., None], 3, axis=-1)
     if picture.meta.levels is not None:
