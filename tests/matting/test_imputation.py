@@ -11,6 +11,7 @@ from blurmatte.color import ColorModel
 from blurmatte.figures import draw_overview
 from blurmatte.matting import Grade, Smooth, Swept, solve
 from blurmatte.rendering import Ball, Camera, Scene, plain_plate
+from blurmatte.sweep import fitting_size
 from blurmatte.sweep.hypotheses import Disc, DiscWithShadow
 from blurmatte.trajectory import Trajectory
 
@@ -36,9 +37,10 @@ def seen():
 def smooth(seen):
     """The solution before the guess with a known color, and that before its mean alone."""
     image, plate, _ = seen
-    model = ColorModel.from_samples(np.array([COLOR]), std=1e-9)
-    mean = solve(image.with_noise(plate.image_noise), plate.plates[0], model, Smooth())
-    return solve(image, plate, model, Smooth()), mean
+    model, box = ColorModel.from_samples(np.array([COLOR]), std=1e-9), plate.surroundings
+    part = image.with_noise(plate.image_noise).crop(box)
+    mean = solve(part, plate.around_hidden(box).plates[0], model, Smooth())
+    return solve(image, plate, model, Smooth()), mean.in_picture(box, image.size)
 
 
 def test_ball_before_a_wall_is_solved_without_a_plate(seen, smooth):
@@ -90,6 +92,19 @@ def test_shadows_are_sought_only_before_a_good_guess(seen, std, tried):
     with pytest.raises(Tried) as raised:
         solve(image, replace(plate, noise=variance), None, Asked((Disc(), DiscWithShadow())))
     assert raised.value.args[0] == tried
+
+
+def test_errors_by_the_guess_of_a_wide_streak_are_those_at_full_size(seen, monkeypatch):
+    """Oracle: the draws are solved on cells of two pixels, and on pixels."""
+    image, plate, _ = seen
+    model, found = ColorModel.from_samples(np.array([COLOR]), std=1e-9), []
+    for width in (100.0, 12.0):
+        monkeypatch.setattr(fitting_size, "MAX_FITTED_WIDTH_PX", width)
+        found.append(solve(image, plate, model, Smooth()))
+    whole, cells = (one.stats for one in found)
+    assert cells.sum_alpha_std == pytest.approx(whole.sum_alpha_std, rel=0.25)
+    assert cells.alpha_error == pytest.approx(whole.alpha_error, rel=0.25)
+    assert cells.sum_alpha == whole.sum_alpha
 
 
 @pytest.mark.battery

@@ -56,6 +56,24 @@ def wide():
 
 
 @pytest.mark.parametrize("family", PATHS, ids=lambda family: family.name)
+def test_a_sweep_in_cells_is_the_inverse_of_the_enlarged_one(family):
+    small = sweep_of(family, Silhouette(2, soft=True), [3.0, 0.2, -0.1, 0.5])
+    again = SIZE.sweep(small.enlarged(CELL, SIZE.origin, SIZE.size))
+    assert again.size == small.size
+    assert_allclose(again.path, small.path, atol=1e-9)
+    assert_allclose(again.shape, small.shape)
+    assert_allclose(again.covariance, small.covariance)
+
+
+def test_a_map_in_the_picture_has_the_sum_of_its_cells(rng):
+    cells = rng.uniform(0, 1, (16, 20, 3))
+    cells[[0, -1]] = cells[:, [0, -1]] = 0
+    found = SIZE.in_picture(cells)
+    assert found.shape == (60, 70, 3)
+    assert_allclose(found.sum(axis=(0, 1)), CELL**2 * cells.sum(axis=(0, 1)))
+
+
+@pytest.mark.parametrize("family", PATHS, ids=lambda family: family.name)
 def test_an_enlarged_sweep_has_the_alpha_of_the_small_one_on_cells(family):
     small = sweep_of(family, Silhouette(2, soft=True), [3.0, 0.2, -0.1, 0.5])
     large = small.enlarged(CELL, SIZE.origin, SIZE.size)

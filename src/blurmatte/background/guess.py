@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from threadpoolctl import threadpool_limits
 
 from blurmatte.background.lines import Lines
 from blurmatte.calibration import measure_noise_within
@@ -115,6 +116,18 @@ class PlateGuess(LinearImage):
         return replace(self.plates[0], rgb=np.asarray(rgb, self.rgb.dtype))
 
     @property
+    def surroundings(self) -> Box:
+        """What is hidden, with the scene around it that it was guessed from."""
+        return _window(self.hidden)[0]
+
+    def around_hidden(self, box: Box) -> "PlateGuess":
+        """The part in a box that contains what is hidden."""
+        part, hidden = self.crop(box), self.hidden[rows_columns(box)]
+        return replace(
+            self, rgb=part.rgb, noise=part.noise, valid=part.valid, meta=part.meta, hidden=hidden
+        )
+
+    @property
     def error(self) -> float:
         """Root mean square of the standard deviation of the light that is a guess; white is 1."""
         return float(np.sqrt(np.asarray(self.variance)[self.hidden].mean()))
@@ -160,12 +173,13 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
     noise = noise_around(image, region)
     image = image if image.noise is not None else image.with_noise(noise)
     hidden = region
-    for _ in range(_REFINEMENTS):
-        smaller = _AroundRegion.around(image, hidden).covered(image, hidden)
-        if np.count_nonzero(smaller) > _MAX_REMAINING * np.count_nonzero(hidden):
-            break
-        hidden = smaller
-    return _AroundRegion.around(image, hidden, _DRAWS).guess(image, hidden, noise)
+    with threadpool_limits(1):  # the matrices are small: threads wait longer than they work
+        for _ in range(_REFINEMENTS):
+            smaller = _AroundRegion.around(image, hidden).covered(image, hidden)
+            if np.count_nonzero(smaller) > _MAX_REMAINING * np.count_nonzero(hidden):
+                break
+            hidden = smaller
+        return _AroundRegion.around(image, hidden, _DRAWS).guess(image, hidden, noise)
 
 
 def guess_behind(image: LinearImage, streak: Bools, grow: int = 0) -> PlateGuess:
@@ -253,8 +267,8 @@ class _AroundRegion:
     def around(cls, image: LinearImage, hidden: Bools, draws: int = 0) -> "_AroundRegion":
         """Of the surroundings of what is hidden, with draws; the noise of the image is known."""
         window, cell = _window(hidden)
-        place = rows_columns(window)
-        light, seen = np.asarray(image.rgb[place], float), image.valid[place] & ~hidden[place]
+        place, image = rows_columns(window), image.crop(window)
+        light, seen = np.asarray(image.rgb, float), image.valid & ~hidden[place]
         count = block_sums(seen.astype(float), cell)
         known = count > cell**2 / 2
         if np.count_nonzero(known) < _MIN_CELLS:
@@ -271,7 +285,7 @@ class _AroundRegion:
         mean, std, drawn = kriging.smooth_part(cells.means(light), draws)
         rest = light - _interpolated(mean, light.shape[:2], cell)
         rest = np.where(seen[..., None], rest, 0)
-        noise = np.asarray(image.variance[place], float)[seen].mean(axis=0) @ axes**2
+        noise = np.asarray(image.variance, float)[seen].mean(axis=0) @ axes**2
         texture = np.maximum((rest**2).sum(axis=(0, 1)) / np.count_nonzero(seen) - noise, 0)
         grain = int(np.ceil(np.sqrt(seen.size / _MAX_GRAINS)))
         own = block_sums(seen.astype(float), grain)
@@ -291,15 +305,15 @@ class _AroundRegion:
         Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below
         the threshold: that of the threshold over the largest disagreement.
         """
-        place = rows_columns(self.window)
-        light, inside = np.asarray(image.rgb[place], float), hidden[place] & image.valid[place]
+        place, part = rows_columns(self.window), image.crop(self.window)
+        light, inside = np.asarray(part.rgb, float), hidden[place] & part.valid
         if not inside.any():
             return hidden
         count = block_sums(inside.astype(float), self.cell)
         rest = light @ self.axes - self.lines.mean
         d = block_sums(np.where(inside[..., None], rest, 0), self.cell)
         d = d / np.maximum(count, 1)[..., None] - self.mean
-        noise = np.asarray(image.variance[place], float)[inside].mean(axis=0) @ self.axes**2
+        noise = np.asarray(part.variance, float)[inside].mean(axis=0) @ self.axes**2
         variance = self.std**2 + self.texture + noise / self.cell**2
         inner = count > self.cell**2 / 2
         any_light = np.maximum((d[inner] ** 2).mean(axis=0), variance)
@@ -319,19 +333,24 @@ class _AroundRegion:
 
     def guess(self, image: LinearImage, hidden: Bools, noise: NoiseModel) -> PlateGuess:
         """The plate with what is hidden taken from the field."""
-        place, shape = rows_columns(self.window), hidden[rows_columns(self.window)].shape
+        box, shape = box_of(hidden), hidden[rows_columns(self.window)].shape
+        place, inner = rows_columns(box), rows_columns(box, self.window)
         inside = hidden[place][..., None]
         rgb, variance = image.rgb.copy(), np.array(image.variance)
-        mean = self._in_pixels(self.mean, shape) + self.lines.mean @ self.axes.T
+
+        def in_pixels(cells: Array) -> Array:
+            """Values of cells in the pixels of the box."""
+            return _interpolated(cells, shape, self.cell)[inner]
+
+        mean = (in_pixels(self.mean) + self.lines.mean[inner]) @ self.axes.T
         rgb[place] = np.where(inside, mean, rgb[place])
-        own = _interpolated(self.std, shape, self.cell) ** 2 + self.texture + self.lines.variance
+        own = in_pixels(self.std) ** 2 + self.texture + self.lines.variance[inner]
         variance[place] = np.where(inside, own @ (self.axes.T**2) + _MIN_VARIANCE, variance[place])
         rng = np.random.default_rng(_SEED)
-        box = rows_columns(box_of(hidden), self.window)
-        draws = tuple(
-            (mean + self._in_pixels(one, shape) + self._fine(rng, shape))[box].astype(rgb.dtype)
-            for one in self.drawn
-        )
+        draws = []
+        for one in self.drawn:
+            fine = self._textured(rng, inner) + self.lines.drawn(rng)[inner]
+            draws.append((mean + (in_pixels(one) + fine) @ self.axes.T).astype(rgb.dtype))
         # It is no file: it has neither the steps nor the blocks of the image's.
         meta = replace(
             image.meta,
@@ -341,28 +360,20 @@ class _AroundRegion:
             subsampled=False,
             coding=None,
         )
-        texture = (self._textured(rng, shape) @ self.axes.T)[box].astype(rgb.dtype)
-        return PlateGuess(rgb, variance, image.valid | hidden, meta, hidden, draws, texture, noise)
+        texture = (self._textured(rng, inner) @ self.axes.T).astype(rgb.dtype)
+        valid = image.valid | hidden
+        return PlateGuess(rgb, variance, valid, meta, hidden, tuple(draws), texture, noise)
 
-    def _in_pixels(self, cells: Array, shape: tuple[int, ...]) -> Array:
-        """Light of cells in the pixels of the window."""
-        return _interpolated(cells, shape, self.cell) @ self.axes.T
-
-    def _fine(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """(h, w, 3) a draw of what the smooth part lacks: texture, and the error of the lines."""
-        return np.asarray((self._textured(rng, shape) + self.lines.drawn(rng)) @ self.axes.T)
-
-    def _textured(self, rng: np.random.Generator, shape: tuple[int, ...]) -> Array:
-        """(h, w, 3) a draw of the texture along the axes."""
+    def _textured(self, rng: np.random.Generator, place: tuple[slice, slice]) -> Array:
+        """(h, w, 3) a draw of the texture along the axes, at some rows and columns of the window."""
         power = np.maximum(scipy.fft.fft2(self.autocovariance, axes=(0, 1)).real, 0)
         # Negative power is noise of the estimate; the variance stays what it is.
         total, variance = power.mean(axis=(0, 1)), self.autocovariance[0, 0]
         power *= np.where(total > 0, variance / np.where(total > 0, total, 1), 0)
         white = scipy.fft.fft2(rng.standard_normal(power.shape), axes=(0, 1))
         drawn = scipy.fft.ifft2(np.sqrt(power) * white, axes=(0, 1)).real
-        if self.grain > 1:
-            drawn = drawn.repeat(self.grain, axis=0).repeat(self.grain, axis=1)
-        return np.asarray(drawn[: shape[0], : shape[1]])
+        rows, columns = (np.arange(one.start, one.stop) // self.grain for one in place)
+        return np.asarray(drawn[rows][:, columns])
 
 
 def _window(hidden: Bools) -> tuple[Box, int]:
@@ -546,15 +557,19 @@ def _matern(order: float, d: Array) -> Array:
 
 def _interpolated(cells: Array, shape: tuple[int, ...], cell: int) -> Array:
     """(h, w, 3) cubic interpolation of values at the centers of cells."""
-    at = [(np.arange(n) - (cell - 1) / 2) / cell for n in shape]
-    grid = np.meshgrid(*at, indexing="ij")
-    return np.stack(
-        [
-            scipy.ndimage.map_coordinates(cells[..., c], grid, order=3, mode="nearest")
-            for c in range(cells.shape[-1])
-        ],
-        axis=-1,
+    rows, columns = (
+        _cubic_weights(n, count, cell) for n, count in zip(shape, cells.shape[:2], strict=True)
     )
+    return np.asarray(np.einsum("yr,rcp,xc->yxp", rows, cells, columns, optimize=True))
+
+
+def _cubic_weights(pixels: int, cells: int, cell: int) -> Array:
+    """(pixels, cells) of values at the centers of cells in a spline at each pixel of a line."""
+    at = ((np.arange(pixels) - (cell - 1) / 2) / cell)[None]
+    unit = [
+        scipy.ndimage.map_coordinates(one, at, order=3, mode="nearest") for one in np.eye(cells)
+    ]
+    return np.stack(unit, axis=-1)
 
 
 def _autocovariance(rest: Array, seen: Bools) -> Array:

@@ -7,6 +7,7 @@ covariance across the lines is the variance of the profile, their difference twi
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -88,12 +89,13 @@ class Lines:
         return drawn
 
 
-class _VisibleCells(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _VisibleCells:
     """Pixels, or cells, where the scene is seen, about the center of what is hidden."""
 
     x: Array  # (n,)
     y: Array
-    light: Array  # (n, 3)
+    light: Array  # (n, 3) less its mean
     reach: int  # no pixel is farther from the center
 
     @classmethod
@@ -101,6 +103,7 @@ class _VisibleCells(NamedTuple):
         count = block_sums(seen.astype(float), cell)
         whole = count > cell**2 / 2
         means = block_sums(light, cell)[whole] / count[whole][:, None]
+        means -= means.mean(axis=0)
         y, x = np.argwhere(whole).T - (center[:, None] - (cell - 1) / 2) / cell
         reach = int(np.ceil(np.hypot(x, y).max())) + 1 if len(x) else 1
         return cls(x, y, means, reach)
@@ -122,11 +125,14 @@ class _VisibleCells(NamedTuple):
         agree in directions that connect each with the next one.
         """
         count, means = self.across(angle)
-        off = means - self.light.mean(axis=0)
-        total = np.maximum(((self.light - self.light.mean(axis=0)) ** 2).sum(), _TINY)
-        explained = float((count[..., None] * off**2).sum() / total)
+        explained = float((count[..., None] * means**2).sum() / self._squares)
         z = self._z(count, means)
         return explained * z, z
+
+    @cached_property
+    def _squares(self) -> float:
+        """Of all light, summed."""
+        return float(np.maximum((self.light**2).sum(), _TINY))
 
     def best(self, angles: Iterable[float]) -> list[float]:
         """The directions in which both sides agree best."""

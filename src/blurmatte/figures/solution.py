@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from blurmatte.background import ParallaxRegion, PlateFit, PlateGuess
-from blurmatte.checks import Bools, Box, Codes8, Floats, check_same_size, rows_columns
+from blurmatte.checks import (
+    Bools,
+    Box,
+    Codes8,
+    Floats,
+    check_same_size,
+    enclosing,
+    rows_columns,
+)
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.explain import explain
 from blurmatte.explain.grade import (
@@ -193,10 +201,14 @@ def _panels(
 
 def _guess_panels(guess: PlateGuess, place: tuple[slice, slice]) -> list[Panel]:
     """Another scene that agrees with the surroundings, and the error of the guess."""
-    std = np.where(guess.hidden, np.sqrt(np.asarray(guess.variance).mean(axis=-1)), 0)
-    top = round_up(float(np.percentile(std[guess.hidden], 98)))
+    rows, columns = place
+    shown = columns.start, rows.start, columns.stop, rows.stop
+    box = enclosing([guess.surroundings, shown])
+    part, place = guess.around_hidden(box), rows_columns(shown, box)
+    std = np.where(part.hidden, np.sqrt(np.asarray(part.variance).mean(axis=-1)), 0)
+    top = round_up(float(np.percentile(std[part.hidden], 98)))
     return [
-        Panel(guess.plates[1].in_srgb().rgb[place], "as likely", "another scene"),
+        Panel(part.plates[1].in_srgb().rgb[place], "as likely", "another scene"),
         Panel.heat(std[place], top, "plate error", "std of the guess, 1 is white"),
     ]
 

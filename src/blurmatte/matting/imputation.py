@@ -10,7 +10,7 @@ few draws. The answer is that before the mean, from which draws differ by the er
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,28 +23,53 @@ from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SolutionStats, SweepSummary
 from blurmatte.radiometry import LinearImage
+from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.sweep import Sweep
 
-SolveBefore = Callable[[LinearImage, Solution | None], Solution]
+SolveBefore = Callable[[LinearImage], Solution]
 
 
-def solve_before_guess(guess: PlateGuess, solve: SolveBefore) -> Solution:
+@dataclass(frozen=True)
+class Drawn:
+    """A quick solver before the draws of a guess; its solutions may be of cells."""
+
+    solve: SolveBefore
+    size: FittingSize | None = None
+
+    def in_pixels(self, values: Array) -> Array:
+        """A map of one of the solutions in the picture."""
+        return values if self.size is None else self.size.in_picture(values)
+
+    def sweep(self, sweep: Sweep | None) -> Sweep | None:
+        """The sweep of one of the solutions in the picture."""
+        size = self.size
+        if sweep is None or size is None:
+            return sweep
+        return sweep.enlarged(size.cell, size.origin, size.size)
+
+    @property
+    def area(self) -> int:
+        """Of the pixels of the solutions, pixels of the picture."""
+        return 1 if self.size is None else self.size.cell**2
+
+
+def solve_before_guess(
+    guess: PlateGuess, solve: SolveBefore, again: Callable[[Solution], Drawn]
+) -> Solution:
     """The solution before the mean of a guess, with the errors that its draws show.
 
-    solve: before a plate; given a solution, by a quick solver that starts from it, whose answer before
-        the mean is the one from which those before the draws differ.
+    again: a quick solver that starts from a solution; its answer before the mean is the one from which
+        those before the draws differ.
 
     Raises PlateError if no solution is found before half of the draws.
     """
     plate, *draws = guess.plates
-    found = solve(plate, None)
-    about, *others = _quick_solutions([plate, *draws], lambda one: solve(one, found))
-    return _with_scatter(found, about, others)
+    found = solve(plate)
+    drawn = again(found)
+    return _with_scatter(found, _quick_solutions([plate, *draws], drawn.solve), drawn)
 
 
-def _quick_solutions(
-    plates: Sequence[LinearImage], solve: Callable[[LinearImage], Solution]
-) -> list[Solution]:
+def _quick_solutions(plates: Sequence[LinearImage], solve: SolveBefore) -> list[Solution]:
     """The solutions before plates, without those that cannot be solved."""
     first, *rest = plates
     found = [solve(first)]
@@ -61,13 +86,13 @@ def _quick_solutions(
     return found
 
 
-def _with_scatter(found: Solution, about: Solution, others: Sequence[Solution]) -> Solution:
-    """A solution with its variance and that of others about one; alpha errs as a fraction does."""
-    every = about, *others
+def _with_scatter(found: Solution, every: Sequence[Solution], drawn: Drawn) -> Solution:
+    """A solution with its variance and that of others about the first; alpha is a fraction."""
     alphas = [np.clip(np.asarray(one.alpha, float), 0, 1) for one in every]
     lights = [np.asarray(one.premultiplied, float) for one in every]
-    sums = [np.asarray(one.stats.sum_alpha or 0.0) for one in every]
-    variance = _variance(alphas)
+    sums = [np.asarray(drawn.area * (one.stats.sum_alpha or 0.0)) for one in every]
+    variance = drawn.in_pixels(_variance(alphas))
+    of_light = drawn.in_pixels(_variance(lights))
     use = on_streak(found.alpha, found.alpha_std) & found.known
     by_plate = float(np.sqrt(variance[use].mean())) if use.any() else 0.0
     estimate = with_bounded_errors(
@@ -83,14 +108,14 @@ def _with_scatter(found: Solution, about: Solution, others: Sequence[Solution]) 
     model = replace(found.model, covariance=factor**2 * found.model.covariance)
     sweep = found.sweep
     if sweep is not None:
-        sweep = _swept(sweep, [one.sweep for one in every], factor)
+        sweep = _swept(sweep, [drawn.sweep(one.sweep) for one in every], factor)
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))
     return replace(
         found,
         alpha_std=np.asarray(estimate.alpha_std, found.alpha_std.dtype),
         premultiplied_std=np.asarray(
-            np.hypot(found.premultiplied_std, np.sqrt(_variance(lights))),
+            np.hypot(found.premultiplied_std, np.sqrt(of_light)),
             found.premultiplied_std.dtype,
         ),
         model=model,

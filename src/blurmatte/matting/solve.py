@@ -7,7 +7,14 @@ import numpy as np
 
 from blurmatte.background import Matching, PlateGuess, agreement, fit_match
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, check_kind, check_map, check_same_size
+from blurmatte.checks import (
+    Bools,
+    check_kind,
+    check_map,
+    check_same_size,
+    enclosing,
+    rows_columns,
+)
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.color.streak import check_not_gray, streak_of_color
@@ -15,7 +22,7 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.case import Answer, Case, Pictures, Solver
 from blurmatte.matting.hypotheses import Averaged, Swept, shape_log_odds
-from blurmatte.matting.imputation import solve_before_guess
+from blurmatte.matting.imputation import Drawn, solve_before_guess
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shaded import mark_shadow
@@ -94,10 +101,13 @@ def solve(
     confirmed: alpha within 0.0036, its sum within 1 %.
     """
     _check(image, plate, model, solver, streak, out, start)
-    given = model, _that_shows_in(plate, solver or Averaged()), streak, start, prior, out
-    if isinstance(plate, PlateGuess):
-        return _before_guess(image, plate, occluder, *given)
-    return _solved(_matched(image, plate, matching, occluder), *given)
+    using = _that_shows_in(plate, solver or Averaged())
+    if not isinstance(plate, PlateGuess):
+        pictures = _matched(image, plate, matching, occluder)
+        return _solved(pictures, model, using, streak, start, prior, out)
+    if start is not None or prior is not None or out is not None:
+        return _before_guess(image, plate, model, using, streak, occluder, start, prior, out)
+    return _around_guess(image, plate, model, using, streak, occluder)
 
 
 def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
@@ -110,13 +120,32 @@ def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
     return replace(solver, hypotheses=kept)
 
 
-def _before_guess(
+def _around_guess(
     image: LinearImage,
     plate: PlateGuess,
-    occluder: Bools | None,
     model: ColorModel | None,
     solver: Solver,
     streak: Streak | None,
+    occluder: Bools | None,
+) -> Solution:
+    """As `_before_guess`, of the surroundings alone: elsewhere image and guess are one picture."""
+    box = plate.surroundings
+    if streak is not None:
+        box = enclosing([box, streak.box])
+        streak = replace(streak, mask=streak.mask[rows_columns(box)])
+    if occluder is not None:
+        occluder = check_map("occluder", occluder, image.valid.shape, "b")[rows_columns(box)]
+    part = image.crop(box), plate.around_hidden(box), model, solver, streak, occluder
+    return _before_guess(*part, None, None, None).in_picture(box, image.size)
+
+
+def _before_guess(
+    image: LinearImage,
+    plate: PlateGuess,
+    model: ColorModel | None,
+    solver: Solver,
+    streak: Streak | None,
+    occluder: Bools | None,
     start: Sweep | None,
     prior: MotionPrior | None,
     out: PixelMaps | None,
@@ -125,16 +154,31 @@ def _before_guess(
     if image.noise is None:
         image = image.with_noise(plate.image_noise)
 
-    def before(plate: LinearImage, known: Solution | None = None) -> Solution:
-        """The solution before a plate of which nothing is a guess, quickly if another is known."""
-        pictures = _matched(image, plate, Matching.NONE, occluder)
-        if known is None:
-            return _solved(pictures, model, solver, streak, start, prior, out)
-        quick = Swept((Disc(),)) if known.stats.has_shape else Smooth()
-        where = Streak(known.streak), known.sweep
-        return _solved(pictures, known.model, quick, *where, prior, None, warns=False)
+    def matched(plate: LinearImage) -> Pictures:
+        """The image and a plate of which nothing is a guess."""
+        return _matched(image, plate, Matching.NONE, occluder)
 
-    return solve_before_guess(plate, before)
+    def first(plate: LinearImage) -> Solution:
+        """The solution before the mean of the guess."""
+        return _solved(matched(plate), model, solver, streak, start, prior, out)
+
+    def again(known: Solution) -> Drawn:
+        """Quick solutions that start from another, of a wide streak on cells."""
+        quick = Swept((Disc(),)) if known.stats.has_shape else Smooth()
+        found, sweep = Streak(known.streak), known.sweep
+        size = FittingSize.of(found) if prior is None else None
+        if size is None:
+            where = found, sweep, prior, None
+            return Drawn(lambda one: _solved(matched(one), known.model, quick, *where, warns=False))
+        where = size.streak(found), None if sweep is None else size.sweep(sweep), None, None
+
+        def on_cells(plate: LinearImage) -> Solution:
+            pictures = _in_cells(size, matched(plate), found)
+            return _solved(pictures, known.model, quick, *where, warns=False)
+
+        return Drawn(on_cells, size)
+
+    return solve_before_guess(plate, first, again)
 
 
 def _solved(
@@ -259,15 +303,19 @@ def _enlarged_case(
     solver: Solver,
 ) -> Case:
     """The case of hypotheses that were fitted to pictures of another size."""
-    of_streak = size.streak(streak)
-    image, plate = size.pictures(pictures.image, pictures.plate, streak, pictures.measured)
-    small = Pictures(image, plate, pictures.match, size.touched(pictures.hidden))
+    of_streak, small = size.streak(streak), _in_cells(size, pictures, streak)
     searched = solver.hypotheses, solver.seconds, solver.opacity
-    fitted = fit_hypotheses(image, plate, of_streak, model, None, None, *searched)
+    fitted = fit_hypotheses(small.image, small.plate, of_streak, model, None, None, *searched)
     known = _with_streak(model, fitted)
-    hypotheses = size.hypotheses(fitted, (plate, pictures.plate), (of_streak, streak))
+    hypotheses = size.hypotheses(fitted, (small.plate, pictures.plate), (of_streak, streak))
     of_means = Case(small, of_streak, known, fitted, cells=size)
     return Case(pictures, streak, known, hypotheses, of_means)
+
+
+def _in_cells(size: FittingSize, pictures: Pictures, streak: Streak) -> Pictures:
+    """Pictures of means over cells."""
+    image, plate = size.pictures(pictures.image, pictures.plate, streak, pictures.measured)
+    return Pictures(image, plate, pictures.match, size.touched(pictures.hidden))
 
 
 def _with_streak(model: ColorModel | None, hypotheses: Hypotheses) -> ColorModel:

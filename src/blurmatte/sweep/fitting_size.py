@@ -24,6 +24,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit.multistart import half_width_of
 from blurmatte.sweep.model.lighting import Lighting
+from blurmatte.sweep.sweep import Sweep
 
 S = TypeVar("S", bound=np.generic)
 
@@ -63,6 +64,22 @@ class FittingSize:
         """A streak of the picture in cells."""
         mask = self._means(streak.mask) >= 0.5
         return Streak(mask, evidence=streak.evidence, cell=max(1, round(streak.cell / self.cell)))
+
+    def sweep(self, sweep: Sweep) -> Sweep:
+        """A sweep of the picture in cells."""
+        x0, y0, x1, y1 = self.box
+        cells = (x1 - x0) // self.cell, (y1 - y0) // self.cell
+        x, y = self.origin
+        return sweep.enlarged(1 / self.cell, (-x / self.cell, -y / self.cell), cells)
+
+    def in_picture(self, values: Floats) -> Array:
+        """A map (h, w, ...) of all cells in the picture, interpolated; 0 elsewhere."""
+        whole, (width, height) = (0, 0, *values.shape[1::-1]), self.size
+        found = np.zeros((height, width, *values.shape[2:]))
+        place = rows_columns(self.enlarged_box(whole))
+        for at in np.ndindex(values.shape[2:]):
+            found[(*place, *at)] = self.interpolated(values[(..., *at)], whole)
+        return found
 
     def touched(self, mask: Bools) -> Bools:
         """Cells of which a pixel is True."""

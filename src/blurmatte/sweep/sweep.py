@@ -272,7 +272,7 @@ class Sweep:
         path = self.family.shifted(self.path, np.array(corner, float))
         return replace(self, path=path, size=size)
 
-    def enlarged(self, by: int, origin: tuple[float, float], size: tuple[int, int]) -> "Sweep":
+    def enlarged(self, by: float, origin: tuple[float, float], size: tuple[int, int]) -> "Sweep":
         """The sweep of a picture of means over cells of `by` x `by` pixels, in the picture of pixels.
 
         Parameters
