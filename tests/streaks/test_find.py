@@ -263,6 +263,20 @@ def test_region_returns_its_streak_or_itself(paint):
     assert find_streak_within(elsewhere, paint.image, paint.plate) is elsewhere
 
 
+def test_region_has_no_streaks_that_are_faint_beside_its_strongest(taken, paint):
+    image, plate = taken(paint.image.rgb, paint.plate.rgb, 1, 0)
+    strong = find_streaks(image, plate)[0]
+    rgb = np.array(image.rgb)
+    rgb[2:12, 2:12] += 0.02
+    marked = replace(image, rgb=rgb)
+    streaks = find_streaks(marked, plate)
+    assert len(streaks) == 2
+    assert streaks[1].evidence < 0.01 * streaks[0].evidence
+    everywhere = Streak(np.ones(strong.mask.shape, bool))
+    within = find_streak_within(everywhere, marked, plate)
+    assert np.array_equal(within.mask, streaks[0].mask)
+
+
 def test_merge_across_occluder_joins_parts_on_both_sides():
     """Exact: two parts on both sides of a post are joined, a third one elsewhere is not."""
     parts = [Streak.from_box(box, (80, 40)) for box in

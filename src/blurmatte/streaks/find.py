@@ -29,6 +29,7 @@ from blurmatte.streaks.evidence import (
 )
 from blurmatte.streaks.streak import Streak, cells_to_pixels, dilated, expected_false, opened
 
+_MIN_EVIDENCE_RATIO = 0.01  # of a streak over the strongest: others are of noise, codec or halo
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction
 _MAX_WIDTH_RATIO = 2.0  # of two parts of one streak
 _PARABOLA = 3  # parameters: of fewer cells it is not determined
@@ -127,7 +128,8 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
 def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -> Streak:
     """The streak in a region: the parts there of the streaks that belong to it.
 
-    A streak belongs to the region if more than half of it lies there, or if it fills a tenth of it.
+    A streak belongs to the region if more than half of it lies there, or if it fills a tenth of it;
+    unless its evidence is less than a hundredth of the largest there.
 
     Parameters
     ----------
@@ -153,14 +155,21 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
     (20, 15, 101, 57)
     """
     check_kind("region", region, Streak, "use blurmatte.streaks.Streak.from_box(box, size)")
-    inside, cell = np.zeros_like(region.mask), 1
+    belonging = []
     for found in find_streaks(image, plate):
-        part = found.mask & region.mask
-        count = np.count_nonzero(part)
+        count = np.count_nonzero(found.mask & region.mask)
         most = count > 0.5 * np.count_nonzero(found.mask)
         if most or count > 0.1 * np.count_nonzero(region.mask):
-            inside, cell = inside | part, found.cell
-    return Streak(inside, cell=cell) if inside.any() else region
+            belonging.append(found)
+    if not belonging:
+        return region
+    parts = [one.mask for one in without_faint(belonging)]
+    return Streak(np.any(parts, axis=0) & region.mask, cell=belonging[-1].cell)
+
+
+def without_faint(streaks: Sequence[Streak]) -> list[Streak]:
+    """Streaks, the strongest first, without those of less than a hundredth of its evidence."""
+    return [one for one in streaks if one.evidence >= _MIN_EVIDENCE_RATIO * streaks[0].evidence]
 
 
 def _strong_parts(T: Floats) -> list[Bools]:

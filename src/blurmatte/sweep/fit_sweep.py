@@ -17,7 +17,13 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
-from blurmatte.streaks import Streak, check_streak, find_streaks, require_streaks
+from blurmatte.streaks import (
+    Streak,
+    check_streak,
+    find_streaks,
+    require_streaks,
+    without_faint,
+)
 from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
@@ -75,7 +81,6 @@ Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
 # Which streaks are fitted, and which hypotheses are refined and kept.
 _MAX_STREAKS = 5  # that are compared
-_MIN_EVIDENCE_RATIO = 0.01  # evidence of a streak over that of the strongest
 # Of the plate's light that it loses: less hardly changes alpha, and costs a search
 _MIN_LOSS = 0.02
 # Of a streak in that light: a smaller one justifies a search
@@ -190,8 +195,7 @@ def likeliest_streak(
     streaks: the strongest first, which is returned if a disc explains none by more than half.
     model: prior of the color.
     """
-    min_evidence = _MIN_EVIDENCE_RATIO * streaks[0].evidence
-    strong = [s for s in streaks[:_MAX_STREAKS] if s.evidence >= min_evidence]
+    strong = without_faint(streaks[:_MAX_STREAKS])
     if len(strong) < 2:
         return streaks[0]
     lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
