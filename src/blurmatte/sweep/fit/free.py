@@ -53,8 +53,8 @@ _FINALISTS = 2  # that continue on small pixels
 _MIN_DIFFERENCE = 1.5  # between the paths of two of them, large pixels
 _MAX_COARSE_STEPS, _COARSE_TOLERANCE = 12, 2.0
 _MAX_FINE_STEPS, _FINE_TOLERANCE = 8, 1.0
-# Of the cells alone, on large and on small pixels
-_FIRST_STEPS = 5
+# Of the cells alone, on large pixels from all starts and from the better half, and on small pixels
+_FIRST_STEPS, _NEXT_STEPS = 2, 3
 _FIRST_FINE_STEPS = 2
 _MAX_CONTINUED = 4  # fits that continue with path and color
 _MAX_MOVE_PX = 4.0  # of a path in a step
@@ -78,7 +78,9 @@ def fit_free(fits: Sequence[State]) -> State | None:
         _with_cells(_Problem.of(coarse, *start, _COARSE_GRAY_PRICE), _FIRST_STEPS)
         for start in _starts(fits, best, coarse)
     ]
-    for problem in sorted(begun, key=lambda one: one.cost)[:_MAX_CONTINUED]:
+    begun.sort(key=lambda one: one.cost)
+    half = [_with_cells(one, _NEXT_STEPS) for one in begun[: max(len(begun) // 2, _MAX_CONTINUED)]]
+    for problem in sorted(half, key=lambda one: one.cost)[:_MAX_CONTINUED]:
         rival = _least_cost(found)
         found.append(_fitted(problem, _MAX_COARSE_STEPS, _COARSE_TOLERANCE, rival, limit))
     found.sort(key=lambda one: one.cost)
