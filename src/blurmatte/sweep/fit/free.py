@@ -43,6 +43,8 @@ _GRAY_PRICE = 8.0
 _COARSE_GRAY_PRICE = 24.0
 _SMOOTHED_STEP = 0.05  # of coverage between cells, below which the price of the rim is quadratic
 _MAX_COARSE_PIXELS = 800  # of the streak, on large pixels
+# About, on small ones: the time of a step increases with the cube of the number of cells
+_FINE_PIXELS = 2500
 _MARGIN_PX = 3  # around the streak, where the object may be
 _MIN_TIME_WITHIN = 0.85  # of the exposure that a cell of the object spends there
 _MAX_STARTS = 5  # fits of other shapes, the best, whose paths are starts
@@ -73,6 +75,7 @@ def fit_free(fits: Sequence[State]) -> State | None:
     plain = with_principal_axes(best).observation
     count = int(np.count_nonzero(plain.streak))
     coarse = plain.coarser(int(np.ceil(np.sqrt(count / _MAX_COARSE_PIXELS))))
+    fine = plain.coarser(max(1, round(float(np.sqrt(count / _FINE_PIXELS)))))
     limit, found = min(_price(one.on(coarse)) for one in fits), list[_Problem]()
     begun = [
         _with_cells(_Problem.of(coarse, *start, _COARSE_GRAY_PRICE), _FIRST_STEPS)
@@ -88,10 +91,10 @@ def fit_free(fits: Sequence[State]) -> State | None:
         return None
     ends: list[_Problem] = []
     for one in _distinct(found, _MIN_DIFFERENCE * coarse.scale)[:_FINALISTS]:
-        fine, rival = _with_cells(one.finer(plain), _FIRST_FINE_STEPS), _least_cost(ends)
-        ends.append(_fitted(fine, _MAX_FINE_STEPS, _FINE_TOLERANCE, rival))
+        start, rival = _with_cells(one.finer(fine), _FIRST_FINE_STEPS), _least_cost(ends)
+        ends.append(_fitted(start, _MAX_FINE_STEPS, _FINE_TOLERANCE, rival))
     best_end = min(ends, key=lambda one: one.cost)
-    return replace(best_end, gray_price=_COARSE_GRAY_PRICE).state(best.radius)
+    return replace(best_end, gray_price=_COARSE_GRAY_PRICE).state(best.radius).on(plain)
 
 
 @dataclass(frozen=True, eq=False)
