@@ -101,13 +101,10 @@ def solve(
     confirmed: alpha within 0.0036, its sum within 1 %.
     """
     _check(image, plate, model, solver, streak, out, start)
-    using = _that_shows_in(plate, solver or Averaged())
-    if not isinstance(plate, PlateGuess):
-        pictures = _matched(image, plate, matching, occluder)
-        return _solved(pictures, model, using, streak, start, prior, out)
-    if start is not None or prior is not None or out is not None:
-        return _before_guess(image, plate, model, using, streak, occluder, start, prior, out)
-    return _around_guess(image, plate, model, using, streak, occluder)
+    given = model, _that_shows_in(plate, solver or Averaged()), streak
+    if isinstance(plate, PlateGuess):
+        return _around_guess(image, plate, *given, occluder, start, prior, out)
+    return _solved(_matched(image, plate, matching, occluder), *given, start, prior, out)
 
 
 def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
@@ -127,8 +124,16 @@ def _around_guess(
     solver: Solver,
     streak: Streak | None,
     occluder: Bools | None,
+    start: Sweep | None,
+    prior: MotionPrior | None,
+    out: PixelMaps | None,
 ) -> Solution:
-    """As `_before_guess`, of the surroundings alone: elsewhere image and guess are one picture."""
+    """As `_before_guess`, of the surroundings alone: elsewhere image and guess are one picture.
+
+    Of the whole picture if something is given in its pixels, or arrays for it.
+    """
+    if start is not None or prior is not None or out is not None:
+        return _before_guess(image, plate, model, solver, streak, occluder, start, prior, out)
     box = plate.surroundings
     if streak is not None:
         box = enclosing([box, streak.box])
@@ -173,6 +178,7 @@ def _before_guess(
         where = size.streak(found), None if sweep is None else size.sweep(sweep), None, None
 
         def on_cells(plate: LinearImage) -> Solution:
+            """The solution before a plate, on means over cells."""
             pictures = _in_cells(size, matched(plate), found)
             return _solved(pictures, known.model, quick, *where, warns=False)
 
