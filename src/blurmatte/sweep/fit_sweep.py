@@ -43,6 +43,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
+from blurmatte.sweep.fit.pattern import fit_pattern, has_pattern
 from blurmatte.sweep.fit.ranking import (
     NEGATIVE_LIGHT,
     Candidate,
@@ -616,6 +617,10 @@ def _quick_disc(
     inflation = noise_inflation(disc)
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).soft()
+    if has_pattern(disc):
+        patterned = fit_pattern(disc, search.bounds)
+        state = patterned.state.relit(disc.observation)
+        return disc, search, before_loss(sweep_of(patterned, image), state, image)
     by_hue = fitted_to_hue(disc, search.bounds)
     sweep = before_loss(sweep_of(Candidate(by_hue), image), by_hue, image)
     if image.meta.sharing is not None or by_hue is disc:
@@ -636,6 +641,8 @@ def _refined(
     If the fit to hue is likelier than the candidate with all of its light, the candidate had not
     reached the maximum of its likelihood: colors and evidence are then those of the fit to hue.
     """
+    if candidate.covariance is not None:
+        return sweep_of(candidate, image), evidence
     transfer = image.meta.transfer or SRGB
     corrected = candidate_before_file(candidate.state, transfer, candidate.cast)
     candidate = replace(corrected, opacity_std=candidate.opacity_std)
@@ -731,6 +738,9 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     """Evidence for a candidate in the light of the file."""
     state = candidate.state
     alpha = state.swept.alpha
+    if candidate.covariance is not None:
+        pixels = float(observation.weight.sum())
+        return Evidence(state.cost, state.variance_inflation, candidate.parameters, pixels)
     if candidate.cast is not None:
         observation = in_shadow(observation, state, candidate.cast)
     evidence = evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)

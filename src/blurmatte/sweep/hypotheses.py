@@ -11,6 +11,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import ClassVar
 
 from blurmatte.radiometry import LinearImage
@@ -18,6 +19,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
 from blurmatte.sweep.fit.outline import HIGHEST_ORDER, fit_growing, fit_outline
+from blurmatte.sweep.fit.pattern import fit_patterns, has_pattern
 from blurmatte.sweep.fit.ranking import (
     Candidate,
     residual_excess,
@@ -78,7 +80,9 @@ class Fits:
         """With the fits of a hypothesis."""
         found = tuple(hypothesis.fits(self))
         explained = self.explained
-        one_paint = [c.state for c in found if c.state.observation.color.varied == 1]
+        # A pattern also explains other shapes: whether these are worth a fit, a disc without shows.
+        states = [c.state if c.covariance is None else self.disc for c in found]
+        one_paint = [state for state in states if state.observation.color.varied == 1]
         if explained is None and one_paint and is_explained_by(one_paint[0]):
             explained = hypothesis, one_paint[0]
         return replace(self, candidates=(*self.candidates, *found), explained=explained)
@@ -104,12 +108,18 @@ class Hypothesis(ABC):
 
 @dataclass(frozen=True)
 class Disc(Hypothesis):
-    """A disc of one paint or of varied colors; the fits of others start from it."""
+    """A disc of one paint or of varied colors, or in gray pictures with a pattern.
+
+    The fits of others start from it.
+    """
 
     in_words = "a disc"
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """All that the search found."""
+        if has_pattern(fits.disc):
+            found = (fit_patterns(disc, fits.search.bounds) for disc in fits.one_paint)
+            return chain.from_iterable(found)
         return (Candidate(disc) for disc in (*fits.one_paint, *fits.varied))
 
 

@@ -29,8 +29,10 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     inflation, prior = state.variance_inflation * VARIANCE, state.observation.prior
     if prior is not None:
         inflation *= prior.scatter**2
-    H, _ = state.information()
-    covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
+    covariance = candidate.covariance
+    if covariance is None:
+        H, _ = state.information()
+        covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
     silhouette = candidate.silhouette
     if candidate.chroma_blur > 0 and image.meta.sharing is None:
         silhouette = silhouette.sharp  # the file blurred the rim, not the lens

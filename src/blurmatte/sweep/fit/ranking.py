@@ -137,6 +137,9 @@ class Candidate:
     # Pixels by which the file blurred colors, a standard deviation; 0 if it did not
     chroma_blur: float = 0.0
     opacity_std: float = 0.0  # standard deviation of the silhouette's opacity
+    # (p, p) float: of path and shape with a pattern that moves along, whose residuals and cost the
+    # state has; None without
+    covariance: Array | None = None
 
     @property
     def silhouette(self) -> FlatShape:

@@ -1,0 +1,272 @@
+"""Discs with a pattern, in gray pictures.
+
+Without hues alpha follows from brightness: a ball whose dark side is as bright as the plate looks
+smaller and displaced. In this file the light of a disc is that of a random pattern f which moves along,
+
+    P(x) = ∫ f((x − c(t)) / r) dt    while the disc of radius r around c(t) covers x,
+    f = Σ_j f_j φ_j,
+
+with polynomials φ_j, orthonormal on the disc, and with z, z u and z v, where (u, v, z) is the normal of
+a sphere: the light of a matte sphere is nearly a polynomial of order two of its normal
+[Ramamoorthi & Hanrahan 2001]. The coefficient of an order k has the prior standard deviation s qᵏ⁻¹,
+of z as of order 1, of z u and z v as of order 2; the mean is free. s and q are estimated by expectation
+maximization, and the coefficients are integrated out.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from blurmatte.checks import Array, Bools
+from blurmatte.descent import descended
+from blurmatte.statistics import mean_of_blocks
+from blurmatte.streaks import dilated
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
+from blurmatte.sweep.fit.ranking import Candidate
+from blurmatte.sweep.model import pattern_kernel
+from blurmatte.sweep.model.observation import BlockStatistics
+from blurmatte.sweep.model.silhouette import Silhouette, moments
+from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.student_t import VARIANCE, loss, student_weight
+
+_ORDERS = (2, 7)  # of the patterns that are fitted one after another, each from the one before
+_STARTS = (1.0, 1.25)  # radii that fits start from, of the disc without
+_MAX_STEPS = 20
+_MARGIN = 0.5  # around the streak, within which the disc may move, radii
+_STEP_PX = 1e-3  # of the differences that give the derivatives of light
+_MAX_MOVE = 0.25  # in a step, radii
+# Rounds of coefficients, weights and prior, from a first prior and from that of a neighbor
+_FIRST_ROUNDS = 24
+_ROUNDS = 6
+_FIRST_SPREAD = 0.3  # s, of the plate's light
+_MIN_SPREAD = 4e-3
+_FREE_SPREAD = 1e3  # of the mean
+_DECAYS = np.geomspace(0.1, 1, 24)  # q
+_GRID = 401  # points across the disc, on which functions are made orthonormal
+
+
+def has_pattern(state: State) -> bool:
+    """Whether a fit is of a disc of constant size in gray pictures, which may have a pattern."""
+    shape, known = state.silhouette, state.observation
+    if known.channels > 1 or known.light_alone or known.prior is not None:
+        return False
+    plain = isinstance(shape, Silhouette) and shape.is_disc and not shape.changes
+    return plain and shape.opacity == 1 and known.camera_stretch == (0.0, 0.0)
+
+
+def fit_patterns(state: State, bounds: tuple[float, float]) -> list[Candidate]:
+    """Discs with patterns, fitted from a disc without and from a larger one, the likeliest last.
+
+    Their states have the residuals and the cost that the patterns leave. A side as bright as the plate
+    is invisible, so that a disc without a pattern is rather too small.
+    """
+    fits = []
+    for larger in _STARTS:
+        parameters, n = np.concatenate([state.path, state.shape]), len(state.path)
+        parameters[n] *= larger
+        for order in _ORDERS:
+            start = _PatternFit.of(state, bounds, parameters, order)
+            of, moved = _PatternFit.information, _PatternFit.moved
+            fit, converged = descended(start, of, moved, _MAX_STEPS, ROUGH_TOLERANCE)
+            parameters = fit.parameters
+            disc = state.moved(parameters[:n], parameters[n:])
+            e, known = fit.in_picture(disc.e), state.observation
+            cost = float(np.sum(known.weight * loss((e**2).sum(axis=0), known.channels)))
+            cost += fit.pattern.prior_cost
+            explained = replace(disc, e=e, cost=cost, converged=converged)
+            fits.append(Candidate(explained, covariance=fit.covariance))
+    return sorted(fits, key=lambda one: -one.state.cost)
+
+
+def fit_pattern(state: State, bounds: tuple[float, float]) -> Candidate:
+    """The disc with the most varied of the patterns, from one without.
+
+    Its error contains the mean square difference of the simpler hypotheses from it: a pattern may also
+    imitate the rim of another disc.
+    """
+    fits = fit_patterns(state, bounds)
+    best = fits[-1]
+    found = [np.concatenate([one.path, one.shape]) for one in (state, *(c.state for c in fits))]
+    apart = np.array(found) - found[-1]
+    assert best.covariance is not None
+    return replace(best, covariance=best.covariance + apart.T @ apart / len(found))
+
+
+@lru_cache
+def _functions(order: int) -> tuple[Array, Array]:
+    """Matrix (k, k) from the functions of `pattern_kernel` to φ, and the exponents (k,) of q.
+
+    The first of φ is 1, whose exponent does not matter.
+    """
+    along = np.linspace(-1, 1, _GRID)
+    u, v = (x.ravel() for x in np.meshgrid(along, along))
+    inside = u**2 + v**2 < 1
+    u, v = u[inside], v[inside]
+    powers = [(n - m, m) for n in range(order + 1) for m in range(n + 1)]
+    z, count = np.sqrt(1 - u**2 - v**2), len(powers)
+    _, R = np.linalg.qr(np.stack([u**i * v**j for i, j in powers], axis=1) / np.sqrt(len(u)))
+    of_z = np.stack([z, z * u, z * v], axis=1)
+    T = np.zeros((count + 3, count + 3))
+    T[:count, :count] = np.linalg.inv(R) * np.sign(R[0, 0])
+    T[count:, count:] = np.diag(1 / of_z.std(axis=0))
+    T[0, count] = -z.mean() / z.std()
+    return T, np.array([*(max(i + j - 1, 0) for i, j in powers), 0, 1, 1], float)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pattern:
+    """The most probable pattern of a disc."""
+
+    prior_std: Array  # (k,) of the coefficients
+    coefficients: Array  # (k,)
+    covariance: Array  # (k, k) of them
+    weights: Array  # (n,) of the pixels, over their variance
+    e: Array  # (n,) residuals of unit variance
+    # Negative log prior density of the coefficients, and the log volume of their posterior
+    prior_cost: float
+    loss: float  # of the residuals
+
+
+@dataclass(frozen=True, eq=False)
+class _PatternFit:
+    """Path and shape of a disc with a pattern."""
+
+    state: State  # of the disc without
+    bounds: tuple[float, float]  # of the radius
+    use: Bools  # (h, w) pixels
+    light: Array  # (4, n) image, plate and their variances in these
+    order: int
+    parameters: Array
+    swept: Array  # (n, k) integrals of the functions; the first is alpha
+    pattern: _Pattern
+
+    @classmethod
+    def of(
+        cls, state: State, bounds: tuple[float, float], parameters: Array, order: int
+    ) -> "_PatternFit":
+        """The pattern of an order on a path, near a fit."""
+        known = state.observation
+        margin = int(np.ceil(_MARGIN * state.radius / known.scale))
+        use = dilated(state.swept.alpha > 0, margin) & (known.weight > 0)
+        light = np.stack([values[..., 0][use] for values in known.light])
+        S = _swept(state, use, order, parameters)
+        spread = _FIRST_SPREAD * max(float(light[1].mean()), _MIN_SPREAD)
+        prior_std = np.full(S.shape[1], spread)
+        pattern = _likeliest(known.weight[use], light, S, order, prior_std, _FIRST_ROUNDS)
+        return cls(state, bounds, use, light, order, parameters, S, pattern)
+
+    @property
+    def cost(self) -> float:
+        """Negative log marginal likelihood."""
+        return self.pattern.loss + self.pattern.prior_cost
+
+    def moved(self, step: Array) -> "_PatternFit":
+        """The fit after a step, shortened to where the model is about linear."""
+        state, n = self.state, len(self.state.path)
+        most = _MAX_MOVE * state.radius
+        parameters = self.parameters + step / max(np.abs(step).max() / most, 1)
+        parameters[n:] = state.silhouette.possible(parameters[n:], self.bounds)
+        S = _swept(state, self.use, self.order, parameters)
+        seen, prior_std = state.observation.weight[self.use], self.pattern.prior_std
+        pattern = _likeliest(seen, self.light, S, self.order, prior_std, _ROUNDS)
+        return replace(self, parameters=parameters, swept=S, pattern=pattern)
+
+    def information(self) -> tuple[Array, Array]:
+        """Curvature (p, p) and gradient (p,) of the cost; the pattern is integrated out."""
+        pattern, J = self.pattern, self._by_parameters
+        root = np.sqrt(pattern.weights)
+        C, B, _, _ = self.light
+        light = (1 - self.swept[:, 0]) * B + self.swept @ pattern.coefficients
+        e = (root * (C - light))[:, None]
+        J, S = root[:, None] * J, root[:, None] * self.swept
+        cross = S.T @ J
+        explained = pattern.covariance @ cross
+        of_prior = (S.T @ e)[:, 0] - pattern.coefficients / pattern.prior_std**2
+        return J.T @ J - cross.T @ explained, explained.T @ of_prior - (J.T @ e)[:, 0]
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(p, p) of the parameters; correlated residuals carry less information."""
+        e = np.zeros((*self.use.shape, 1))
+        e[self.use, 0] = self.pattern.e * np.sqrt(student_weight(self.pattern.e**2, 1))
+        blocks = (mean_of_blocks(e, self.use, size, 1) for size in BlockStatistics.sizes_px)
+        inflation = max(1.0, *blocks) * VARIANCE
+        H, _ = self.information()
+        return np.asarray(inflation * np.linalg.pinv(H, hermitian=True), float)
+
+    def in_picture(self, e: Array) -> Array:
+        """Residuals (3, h, w) with those that the pattern leaves."""
+        e = e.copy()
+        e[0][self.use] = self.pattern.e
+        return e
+
+    @property
+    def _by_parameters(self) -> Array:
+        """(n, p) derivatives of light by the parameters for this pattern and the likeliest plate."""
+        step = _STEP_PX * self.state.observation.scale
+        columns = []
+        for k in range(len(self.parameters)):
+            parameters = self.parameters.copy()
+            parameters[k] += step
+            change = _swept(self.state, self.use, self.order, parameters) - self.swept
+            by_pattern = change @ self.pattern.coefficients
+            columns.append((by_pattern - change[:, 0] * self._plate) / step)
+        return np.stack(columns, axis=1)
+
+    @property
+    def _plate(self) -> Array:
+        """(n,) light of the plate that image and plate make likeliest."""
+        _, B, V_C, V_B = self.light
+        through = 1 - self.swept[:, 0]
+        V = V_C + through**2 * V_B
+        return np.asarray(B + through * V_B / np.sqrt(V) * self.pattern.e)
+
+
+def _swept(state: State, use: Bools, order: int, parameters: Array) -> Array:
+    """(n, k) integrals of the functions φ over the exposure, in some pixels."""
+    pixels, n = state.observation.pixels, len(state.path)
+    scale, T = pixels.scale, _functions(order)[0]
+    path, shape = parameters[:n], parameters[n:]
+    soft = state.silhouette.softness(shape) / scale
+    t, weights = moments(state.family, path, scale, soft=soft)
+    xy = (state.family.at(path, t)[0] - pixels.origin) / scale
+    S = np.zeros((*pixels.shape, len(T)))
+    pattern_kernel.swept(xy, weights, shape[0] / scale, soft, order, S)
+    return np.asarray(S[use] @ T)
+
+
+def _likeliest(
+    seen: Array, light: Array, S: Array, order: int, prior_std: Array, rounds: int
+) -> _Pattern:
+    """The pattern of the largest posterior density, and its prior, by expectation maximization.
+
+    seen (n,): weights of the pixels.
+    """
+    C, B, V_C, V_B = light
+    V = V_C + (1 - S[:, 0]) ** 2 * V_B
+    P, least = C - (1 - S[:, 0]) * B, _MIN_SPREAD * max(float(B.mean()), _MIN_SPREAD)
+    prior_std = np.array([_FREE_SPREAD, *prior_std[1:]])
+    weights = seen / V
+    for _ in range(rounds):
+        weighted = weights[:, None] * S
+        H = S.T @ weighted + np.diag(prior_std**-2)
+        covariance = np.linalg.inv(H)
+        f = covariance @ (P @ weighted)
+        e = (P - S @ f) / np.sqrt(V)
+        weights = seen * student_weight(e**2, 1) / V
+        used, prior_std = prior_std, _prior_of(f**2 + np.diag(covariance), order, least)
+    varied = slice(1, None)  # the mean is free
+    prior_cost = float(np.sum((f / used)[varied] ** 2)) / 2 + float(np.log(used[varied]).sum())
+    prior_cost += float(np.linalg.slogdet(H)[1]) / 2
+    return _Pattern(used, f, covariance, weights, e, prior_cost, float(seen @ loss(e**2, 1)))
+
+
+def _prior_of(squares: Array, order: int, least: float) -> Array:
+    """(k,) standard deviations s qᵏ⁻¹ that are likeliest for expected squares of coefficients (k,)."""
+    exponents = _functions(order)[1][1:]
+    factors = _DECAYS[:, None] ** exponents
+    s2 = np.mean(squares[1:] / factors**2, axis=1)
+    best = np.argmin(2 * np.log(factors).sum(axis=1) + len(exponents) * np.log(s2))
+    spread = max(float(np.sqrt(s2[best])), least)
+    return np.array([_FREE_SPREAD, *(spread * factors[best])])
