@@ -3,9 +3,14 @@
 import numpy as np
 import pytest
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
+from tests.scenes import rendered
 
 from blurmatte.background import Matching, PlateGuess, burst_plate
+from blurmatte.matting import solve
+from blurmatte.motion import measure_motion
 from blurmatte.radiometry import LinearImage
+from blurmatte.rendering import Ball, Scene
+from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 120)
 VIEWS = [similarity(SIZE, -6.3, 4.1, 1.004, 0.01), similarity(SIZE), similarity(SIZE, 7.7, -3.4)]
@@ -75,6 +80,40 @@ def test_overlap_of_streaks_before_a_wall_is_guessed(step):
     assert isinstance(plate, PlateGuess)
     assert plate.valid.all()
     assert np.abs(plate.rgb - wall)[30:70, 40:150].max() < 0.03  # the object differs by up to 0.35
+
+
+def passing(overlap):
+    """Three shots of a ball that moves 40 pixels before a wall; image, plate and wall."""
+    x = np.mgrid[:120, :192][1][..., None] / 192
+    wall = (0.45 + 0.2 * x - 0.1 * x**2) * np.array([1, 0.9, 0.75])
+    step, half = np.array([40 * (1 - overlap), 0]), np.array([20, 0])
+    shots = []
+    for k in (-1, 0, 1):
+        middle = np.array([96, 60]) + k * step
+        path = Trajectory.line(middle - half, middle + half)
+        picture = rendered(Scene(wall, path, Ball(10, np.array([0.8, 0.16, 0.05]))))
+        shots.append(noisy(picture.image.rgb, k + 1))
+    plate, _ = burst_plate(shots[1], [shots[0], shots[2]], Matching.NONE)
+    return shots[1], plate, wall
+
+
+@pytest.mark.parametrize("overlap", [0.3, 0.6, 0.8])
+def test_shots_that_show_the_object_do_not_count_as_noise(overlap):
+    # oracle: two of three shots show it in the same place
+    _, plate, wall = passing(overlap)
+    off = (plate.rgb - wall)[45:75, 60:132]
+    assert isinstance(plate, PlateGuess)
+    assert np.sqrt(np.mean(off**2)) < 0.007  # the object differs by up to 0.2
+
+
+@pytest.mark.battery
+@pytest.mark.parametrize("overlap", [0.3, 0.6, 0.8])
+def test_length_of_streaks_that_overlap_is_within_its_error(overlap):
+    # honest
+    image, plate, _ = passing(overlap)
+    motion = measure_motion(solve(image, plate))
+    assert abs(motion.length - 40) < 3 * motion.length_std < 3
+    assert abs(motion.radius - 10) < 3 * motion.radius_std
 
 
 def test_streaks_apart_are_not_guessed():

@@ -39,6 +39,8 @@ from blurmatte.radiometry.image import VARIANCE_FLOOR
 
 # Pixels whose plate is known, and averages over neighbors for their variance.
 _MIN_FREE_FRACTION = 0.15  # of the frames
+# Noise inflation of a few shots: with it any two that agree count as close to each other
+_FEW_SHOTS_INFLATION = 4.0
 _MIN_FREE_FRAMES = 2
 MAX_ON_CANVAS = 60  # frames of a moving camera of which a plate is made
 _MAJORITY = 0.55  # of the frames: such a mode is the plate; a rarer one needs
@@ -187,16 +189,18 @@ def plate_on_canvas(
 def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> tuple[LinearImage, Bools]:
     """The plate of an image from two or more other shots that were matched to it; where any differ.
 
-    The image decides where shots differ, but its light is no part of the mean.
+    The image decides where shots differ, but its light is no part of the mean. Differences of few shots
+    are those of the object that moves: they say nothing about the noise.
     """
     samples = take_samples([*shots, image], registered=True)
-    modes = find_modes(samples, find_restlessness(samples), slice(0, image.size[1]))
+    restless = np.full(image.valid.shape, _FEW_SHOTS_INFLATION, np.float32)
+    modes = find_modes(samples, restless, slice(0, image.size[1]))
     sums = sum_frames(shots, modes, len(shots), [np.ones(3)] * len(shots))
     file = _CodeError(shots[0].meta, None, samples.noise)
     light, noise, _, _, _ = _estimates(sums, modes, file)
     _, free, clipped, _, _, showing = np.moveaxis(sums.counts, -1, 0)
     alone = free < _MIN_FREE_FRAMES  # nothing is compared there
-    noise[alone] = modes.variance[alone]
+    noise[alone] = modes.variance[alone] / _FEW_SHOTS_INFLATION
     valid = (modes.near >= _MIN_FREE_FRAMES) & (free > 0) & (clipped == 0)
     meta = replace(shots[0].meta, source=f"plate of {len(shots)} shots", compression=None)
     return LinearImage(light, noise, valid, meta), modes.near <= showing
