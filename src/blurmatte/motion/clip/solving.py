@@ -30,6 +30,7 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
+from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.path import LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.silhouette import DISC
 
@@ -115,8 +116,13 @@ class FrameSolver:
 
     @property
     def fits_shapes(self) -> bool:
-        """Whether path and radius of the other frames are a prior of the solutions."""
-        return self.solver is None or self.solver.needs_sweep
+        """Whether path and radius of the other frames are a prior of the solutions.
+
+        They are those of solid discs: others on other paths resemble those that let light through.
+        """
+        if self.solver is None:
+            return True
+        return self.solver.needs_sweep and self.solver.opacity is not OpacityPrior.ANY
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
         """The solution in the whole picture, or why there is none.
