@@ -24,7 +24,6 @@ from blurmatte.statistics import mean_of_blocks
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
 from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.model import pattern_kernel
 from blurmatte.sweep.model.observation import BlockStatistics
 from blurmatte.sweep.model.silhouette import Silhouette, moments
 from blurmatte.sweep.model.state import State
@@ -225,6 +224,8 @@ class _PatternFit:
 
 def _swept(state: State, use: Bools, order: int, parameters: Array) -> Array:
     """(n, k) integrals of the functions φ over the exposure, in some pixels."""
+    from blurmatte.sweep.model import pattern_kernel  # SciPy is slow to import
+
     pixels, n = state.observation.pixels, len(state.path)
     scale, T = pixels.scale, _functions(order)[0]
     path, shape = parameters[:n], parameters[n:]
