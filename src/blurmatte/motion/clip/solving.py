@@ -30,8 +30,8 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
-from blurmatte.sweep.model.opacity_prior import OpacityPrior
 from blurmatte.sweep.model.path import LINE, PARABOLA, PathFamily
+from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.silhouette import DISC
 
 STRETCH_FRAMES = 16  # of which the camera's readout time is measured at most
