@@ -222,7 +222,7 @@ def noise_around(image: LinearImage, region: Bools) -> NoiseModel:
 
 def _even(image: LinearImage, seen: Bools) -> Bools:
     """(H, W) the least structured tiles of all levels of light: the others hold more than noise."""
-    light = np.asarray(image.rgb.mean(axis=-1), float)
+    light = image.rgb.mean(axis=-1)
     fine = (light - scipy.ndimage.uniform_filter(light, 3)) ** 2
     count = block_sums(seen.astype(float), _TILE_PX)
     whole = count == _TILE_PX**2
@@ -509,8 +509,10 @@ class _Cells(NamedTuple):
 
     def variance_within(self, light: Array) -> Array:
         """(3,) of the pixels about the means of their cells."""
-        means = self.means(light).repeat(self.width, axis=0).repeat(self.width, axis=1)
-        return np.asarray(((light - means)[self.seen] ** 2).mean(axis=0))
+        count, shown = block_sums(self.seen.astype(float), self.width), light[self.seen]
+        of_means = (count[..., None] * self.means(light) ** 2).sum(axis=(0, 1))
+        squares = np.einsum("nc,nc->c", shown, shown)
+        return np.asarray(np.maximum(squares - of_means, 0) / count.sum())
 
 
 def _likeliest_lines(light: Array, hidden: Bools, cells: _Cells, kriging: "_Kriging") -> Lines:
