@@ -13,7 +13,7 @@ from blurmatte.files import read_layer, write, write_frames
 from blurmatte.files.atomic import replacing
 from blurmatte.formats import Writes, written
 from blurmatte.layer import Layer, empty_layer
-from blurmatte.motion.clip.solving import FrameSolver, Wanted
+from blurmatte.motion.clip.solving import FrameSolver, FrameToSolve
 from blurmatte.radiometry import LinearImage
 
 LAYER_EXTENSIONS = written(Writes.LAYER)
@@ -45,7 +45,7 @@ class LayerWriter:
     several: bool
     complete: bool = False
 
-    def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> FrameRecord:
+    def __call__(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> FrameRecord:
         """Solve a frame, given alone, write its layer, and return its record."""
         row, (frame, number) = wanted.row, wanted.row.place
         solution = self.solver(frames, wanted)

@@ -204,7 +204,7 @@ class ClipReport:
 
 
 @dataclass
-class _Work:
+class _RunProgress:
     """Progress of one run."""
 
     manifest: Manifest[Finished]
@@ -266,7 +266,7 @@ def save_clip(
     folder, begun = Path(folder), time.monotonic()
     run = replace(run, frames=run.frames.for_plate(run.plate))
     with opened_manifest(folder / NAME, run.key, Finished) as manifest:
-        work = _Work(manifest)
+        work = _RunProgress(manifest)
         _note(manifest, [name for one in manifest.replaced for name in one.layers])
         found, numbers = shots_of(run.frames, workers), run.frames.frame_numbers
         shots = [shot.numbered(numbers) for shot in found]
@@ -279,7 +279,7 @@ def save_clip(
 
 
 def _shot(
-    run: ClipRun, folder: Path, number: int, shot: ClipShot, work: _Work, workers: Workers
+    run: ClipRun, folder: Path, number: int, shot: ClipShot, work: _RunProgress, workers: Workers
 ) -> Iterator[FrameSightings | FrameRecord]:
     """Measure and solve the frames of a shot that are not done."""
     finished = [one for one in work.manifest.finished if one.shot == number]
@@ -327,7 +327,7 @@ def _shot(
 
 
 def _finished(
-    run: ClipRun, folder: Path, work: _Work, shots: Sequence[ClipShot], begun: float
+    run: ClipRun, folder: Path, work: _RunProgress, shots: Sequence[ClipShot], begun: float
 ) -> ClipReport:
     """Write what follows from all frames; the report."""
     if not work.rows:
@@ -341,7 +341,7 @@ def _finished(
 
 
 def _written(
-    run: ClipRun, folder: Path, work: _Work, shots: Sequence[ClipShot]
+    run: ClipRun, folder: Path, work: _RunProgress, shots: Sequence[ClipShot]
 ) -> tuple[Path, ...]:
     """Write table, plates, sheet and movie; their paths. Without a record there is no table."""
     table, files = folder / f"frames{run.table}", list[Path]()
@@ -388,7 +388,7 @@ def _mattes(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> list[
     ]
 
 
-def _fill(run: ClipRun, folder: Path, work: _Work) -> int:
+def _fill(run: ClipRun, folder: Path, work: _RunProgress) -> int:
     """Write empty layers of the other frames, or none if layers are complete; how many.
 
     Layers of these frames that are left of an earlier run are removed.
@@ -410,7 +410,7 @@ def _note(manifest: Manifest[Finished], names: Sequence[str]) -> None:
         manifest.append(Finished(0, files=new))
 
 
-def _without_layer(work: _Work) -> list[str]:
+def _without_layer(work: _RunProgress) -> list[str]:
     """How many frames have no layer though something moved, and the reason of most of them.
 
     Without any layer, all frames count.

@@ -42,7 +42,7 @@ _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
 
 @dataclass(frozen=True, eq=False)
-class Wanted:
+class FrameToSolve:
     """A frame that is solved.
 
     Parameters
@@ -74,7 +74,7 @@ class Wanted:
         points = self.prior.path.points
         return np.asarray(points[2] - points[0])
 
-    def seen_by(self, camera: CameraPath) -> Wanted:
+    def seen_by(self, camera: CameraPath) -> FrameToSolve:
         """The same in the pixels of the frame, from those of the canvas of a camera that moves."""
         one = self.row.sighting
         if one is None:
@@ -83,7 +83,7 @@ class Wanted:
         prior = self.prior and self.prior.mapped(points, one.measured.center)
         return replace(self, row=replace(self.row, sighting=one.mapped(points)), prior=prior)
 
-    def stretched(self, shutter: RollingShutter, own: Stretch | None) -> Wanted:
+    def stretched(self, shutter: RollingShutter, own: Stretch | None) -> FrameToSolve:
         """The same with a camera, and the stretch that the frame alone measures."""
         if self.prior is None:
             return self
@@ -91,7 +91,7 @@ class Wanted:
         prior = replace(self.prior, camera_stretch=(float(a), float(b)))
         return replace(self, prior=prior, stretch_cost=cost)
 
-    def shaped(self, is_disc: bool) -> Wanted:
+    def shaped(self, is_disc: bool) -> FrameToSolve:
         """The same of an object that has a shape, perhaps a disc, if there is a prior of it."""
         prior = self.prior
         if prior is None:
@@ -124,14 +124,14 @@ class FrameSolver:
             return True
         return self.solver.needs_sweep and self.solver.opacity is not OpacityPrior.ANY
 
-    def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
+    def __call__(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> Solution | str:
         """The solution in the whole picture, or why there is none.
 
         Parameters
         ----------
         frames : sequence of LinearImage
             The frame alone.
-        wanted : Wanted
+        wanted : FrameToSolve
         """
         try:
             frame, own, wanted = self._of_frame(frames, wanted)
@@ -141,8 +141,8 @@ class FrameSolver:
         return solution.in_picture(crop.box, frame.size)
 
     def _of_frame(
-        self, frames: Sequence[LinearImage], wanted: Wanted
-    ) -> tuple[CodedFrame, FrameSolver, Wanted]:
+        self, frames: Sequence[LinearImage], wanted: FrameToSolve
+    ) -> tuple[CodedFrame, FrameSolver, FrameToSolve]:
         """A frame given alone, and solver and object in its own pixels if the camera moves.
 
         Raises PlateError if it could not be registered.
@@ -155,7 +155,7 @@ class FrameSolver:
         own = replace(self, scene=scene, color=scene.filter(frame, self.model))
         return frame, own, wanted.seen_by(camera)
 
-    def solved(self, frame: CodedFrame, wanted: Wanted) -> tuple[Crop, Solution]:
+    def solved(self, frame: CodedFrame, wanted: FrameToSolve) -> tuple[Crop, Solution]:
         """The crop around the object, and its solution there.
 
         Raises
@@ -183,7 +183,7 @@ class FrameSolver:
         return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
     def _prepared(
-        self, frame: CodedFrame, wanted: Wanted
+        self, frame: CodedFrame, wanted: FrameToSolve
     ) -> tuple[Crop, Streak | None, Sweep | None, MotionPrior | None]:
         """The crop around the object; streak, start of the fit and prior in it."""
         sighting, prior = wanted.row.sighting, wanted.prior
@@ -195,7 +195,7 @@ class FrameSolver:
         start = _start(sighting, crop, self.model, prior)
         return crop, self._streak(crop, sighting), start, prior
 
-    def stretch(self, frames: Sequence[LinearImage], wanted: Wanted) -> Stretch | None:
+    def stretch(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> Stretch | None:
         """Stretch of the disc in a frame given alone, and its covariance; None if it shows none."""
         frame, own, wanted = self._of_frame(frames, wanted)
         crop, streak, start, prior = own._prepared(frame, wanted)
@@ -236,7 +236,7 @@ class FrameSolver:
         return None if self.model.rank == 3 else self.model
 
     def silhouette_odds(
-        self, frames: Sequence[LinearImage], wanted: Wanted
+        self, frames: Sequence[LinearImage], wanted: FrameToSolve
     ) -> tuple[float, float] | None:
         """Log odds of a disc against an outline, and of a shape against none, in a frame given alone.
 
@@ -305,7 +305,7 @@ def rows_to_solve(rows: Sequence[FrameMotion], color_found: bool) -> list[FrameM
     return [*found, *rest] if color_found and 2 * len(rest) > len(moved) else found
 
 
-def parts_to_solve(wanted: Iterable[Wanted]) -> Iterator[tuple[slice, Wanted]]:
+def parts_to_solve(wanted: Iterable[FrameToSolve]) -> Iterator[tuple[slice, FrameToSolve]]:
     """For `Workers.over`: each frame alone, and what is known of it."""
     return ((slice(one.index, one.index + 1), one) for one in wanted)
 
@@ -317,7 +317,7 @@ def wanted_frames(
     numbers: Sequence[int],
     workers: Workers,
     color_found: bool,
-) -> list[Wanted]:
+) -> list[FrameToSolve]:
     """The frames to solve, with what the others say of them.
 
     The object has a shape in all frames if that is decisively likelier than alpha without one, and the
@@ -342,9 +342,9 @@ def wanted_frames(
         The color was found and not given: frames without the object may be solved alone.
     """
     index_of = {number: index for index, number in enumerate(numbers)}
-    wanted, objects = list[Wanted](), dict[int, list[Wanted]]()
+    wanted, objects = list[FrameToSolve](), dict[int, list[FrameToSolve]]()
     for row in rows_to_solve(rows, color_found):
-        one = Wanted(index_of[row.frame], row, None)
+        one = FrameToSolve(index_of[row.frame], row, None)
         if row.sighting is None or not solver.fits_shapes:
             wanted.append(one)
         else:
@@ -362,18 +362,18 @@ def wanted_frames(
 
 def _stretched(
     frames: Sequence[LinearImage],
-    found: Sequence[Wanted],
+    found: Sequence[FrameToSolve],
     used: Bools,
     solver: FrameSolver,
     workers: Workers,
-) -> list[Wanted]:
+) -> list[FrameToSolve]:
     """Frames with the stretch by the camera, if a rolling shutter is decisively likelier than none.
 
     It is measured in frames that agree with the path, in more of them while it is likelier, and then in
     all.
     """
 
-    def measured(some: Sequence[Wanted]) -> list[Stretch | None]:
+    def measured(some: Sequence[FrameToSolve]) -> list[Stretch | None]:
         """Stretches in single frames."""
         return list(successes(workers.over(frames, solver.stretch, parts_to_solve(some))))
 
@@ -393,7 +393,7 @@ def _stretched(
 
 def _decided(
     frames: Sequence[LinearImage],
-    known: Sequence[Wanted],
+    known: Sequence[FrameToSolve],
     mistake_probability: float,
     solver: FrameSolver,
     workers: Workers,

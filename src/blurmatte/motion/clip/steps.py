@@ -33,7 +33,7 @@ from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_s
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
-    Wanted,
+    FrameToSolve,
     check_clip_solver,
     parts_to_solve,
     rows_to_solve,
@@ -269,8 +269,8 @@ def solved(
     done: ClipMeasured,
     workers: Workers,
     solver: Solver | None,
-    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], Wanted], Result]],
-) -> Iterator[tuple[Wanted, Result | Failure]]:
+    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], FrameToSolve], Result]],
+) -> Iterator[tuple[FrameToSolve, Result | Failure]]:
     """What a work made of each frame with the object that is not written, in order.
 
     Parameters
