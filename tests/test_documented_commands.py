@@ -221,11 +221,14 @@ def answers(stage, extras):
     """Exit code, output and errors of each call, from a process that can import these extras."""
     words = [
         sys.executable,
-        __file__,
+        "-m",
+        "tests.test_documented_commands",
         stage,
         *(EXTRAS[name] for name in EXTRAS if name not in extras),
     ]
-    done = subprocess.run(words, capture_output=True, text=True, encoding="utf-8", check=False)
+    done = subprocess.run(
+        words, capture_output=True, text=True, encoding="utf-8", check=False, cwd=ROOT
+    )
     assert done.returncode == 0, done.stderr
     lines = (json.loads(line) for line in done.stdout.splitlines() if line.startswith("["))
     return {call: answer for call, *answer in lines}
