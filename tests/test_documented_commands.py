@@ -36,6 +36,7 @@ SIZE = (640, 400)  # the documents name points and boxes in it
 SMALL = (96, 64)
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
 COLOR = 0.9 * bm.ColorModel.from_hex("#d8ff3c").rgb[0]
+BEFORE_WALL = "before_wall.png"  # throw.png before a smooth scene, which guesses of a plate need
 # Modules that only extras install, by the extra
 EXTRAS = {
     "cluster": "distributed",
@@ -73,6 +74,11 @@ def seen(light, seed):
     return bm.rendering.Camera(NOISE, bits=16).photograph(light, seed)
 
 
+def wall(size):
+    """Light of an even wall (H, W, 3) that a lamp at its right side lights."""
+    return np.full((*size[::-1], 3), 0.3) * np.linspace(0.8, 1, size[0])[:, None]
+
+
 def ball_on(plate, start, end, radius):
     """A picture of a moving ball of the documents' color."""
     return rendered(Scene(plate, Trajectory.line(start, end), Ball(radius, COLOR, ambient=0.6)))
@@ -104,8 +110,9 @@ def write_pictures(folder):
     where[80:230, 90:310], fence[:, 300:306] = 255, 255
     bm.write(folder / "where.png", where)
     bm.write(folder / "fence.png", fence)
-    wall = np.full((620, 920, 3), 0.3) * np.linspace(0.8, 1, 920)[:, None]
-    bm.write(folder / "wall.tif", seen(wall, 6))
+    bm.write(folder / "wall.tif", seen(wall((920, 620)), 6))
+    before_wall = ball_on(wall(SIZE), (188, 146), (214, 164), 22).image.rgb
+    bm.write(folder / BEFORE_WALL, seen(before_wall, 0))
     lens = {"fx": 700, "fy": 700, "cx": 320, "cy": 200, "size": SIZE}
     (folder / "lens.json").write_text(json.dumps(lens), encoding="utf-8")
     shutil.copytree(ROOT / "examples", folder / "examples")
@@ -202,6 +209,8 @@ def run_all(stage, without):
     for number, call in enumerate(CALLS):
         folder = stage.parent / f"{'none' if without else 'all'}_{number}"
         shutil.copytree(stage, folder, copy_function=os.link)
+        if "--plate none" in call:
+            os.replace(folder / BEFORE_WALL, folder / "throw.png")
         os.chdir(folder)
         result = runner().invoke(app, shlex.split(call))
         os.chdir(stage)
