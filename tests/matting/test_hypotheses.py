@@ -1,11 +1,14 @@
-"""Averages of hypotheses whose search was cut short."""
+"""Averages of hypotheses: a search that was cut short, errors that are simulated or not."""
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
+import blurmatte as bm
 from blurmatte.explain.grade import grade_in_words
-from blurmatte.matting import Averaged, Grade, solve
-from blurmatte.rendering import Camera, Scene, Sheet, plain_plate, render
+from blurmatte.matting import Averaged, Grade, Smooth, hypotheses, solve
+from blurmatte.matting.averaging import MIN_WEIGHT
+from blurmatte.rendering import Ball, Camera, Scene, Sheet, plain_plate, render
 from blurmatte.trajectory import Trajectory
 
 SIZE = (128, 72)
@@ -38,3 +41,34 @@ def test_without_a_limit_every_shape_that_is_worth_a_fit_is_tried(square):
     assert not solution.stats.sweep.is_disc
     streak = truth.layer.alpha > 0.004
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[streak] ** 2)) < 0.02
+
+
+def test_an_error_that_is_not_simulated_changes_nothing(square, monkeypatch):
+    _, image, plate = square
+    without = solve(image, plate)
+    monkeypatch.setattr(hypotheses, "_may_have_weight", lambda *_: True)
+    simulated = solve(image, plate)
+    assert without.stats.weights[-1] < MIN_WEIGHT
+    for name in ("alpha", "alpha_std", "premultiplied", "quality"):
+        assert_array_equal(getattr(without, name), getattr(simulated, name))
+    assert without.stats.sum_alpha_std == simulated.stats.sum_alpha_std
+
+
+def test_an_alpha_without_a_shape_that_has_weight_has_a_simulated_error(monkeypatch):
+    """Two balls that cross are no shape on a path."""
+    plate = image = bm.LinearImage(plain_plate(SIZE, (0.3, 0.33, 0.36), 1))
+    for start, end in (((25, 20), (100, 52)), ((25, 52), (100, 20))):
+        body = Ball(9, np.array([0.9, 0.45, 0.05]))
+        layer = render(Scene(plate.rgb, Trajectory.line(start, end), body), 120).layer
+        image = layer.over(image)
+    camera, rng = Camera(code_std=1 / 255), np.random.default_rng(0)
+    pictures = [camera.photograph(one.rgb, rng) for one in (image, plate)]
+    simulated, original = [], Smooth.simulated_error
+
+    def counted(*given):
+        simulated.append(1)
+        return original(*given)
+
+    monkeypatch.setattr(Smooth, "simulated_error", counted)
+    assert solve(*pictures).stats.weights[-1] > MIN_WEIGHT
+    assert simulated

@@ -7,6 +7,7 @@ error s χ, and with it the light C − B the error s χ B.
 
 import logging
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
 from typing import ClassVar
@@ -33,12 +34,13 @@ from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.mixtures import Mixtures
 from blurmatte.matting.object_light import inpaint_light
 from blurmatte.matting.pixelwise import closed_form
-from blurmatte.matting.smooth import Smooth
+from blurmatte.matting.smooth import Smooth, posterior_variance
 from blurmatte.matting.stats import SolutionStats, SweepSummary
 from blurmatte.matting.summary import Alternative, listed, streak_sums
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.model_selection import (
+    Evidence,
     hypothesis_probabilities,
     hypothesis_scores,
     hypothesis_weights,
@@ -50,6 +52,8 @@ from blurmatte.sweep.model.priors import OpacityPrior
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
 ROUNDING_OF_ALPHA = 1e-9  # where alphas cancel; less than any alpha that is known
+# The error of an alpha without a shape, over that of its posterior, by which its evidence is bounded
+_ERROR_FACTORS = 0.5, 1.0, 2.0, 4.0
 _MARGIN_PX = 4  # around the streak: light that is too faint for its mask
 
 
@@ -342,8 +346,10 @@ def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list
     farthest mixture takes its place. possible: for each sweep.
     """
     assert case.hypotheses is not None
+    evidence = case.hypotheses.evidence
     if case.is_exact:
-        return [_shapeless(case)]
+        return [_shapeless(case, evidence)]
+    rivals = list(compress(evidence, possible))
     models: dict[int, ColorModel] = {}
     for sweep, permitted in zip(case.hypotheses.sweeps, possible, strict=True):
         model = sweep.model
@@ -353,24 +359,49 @@ def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list
             models[model.rank] = model
         if model.rank == 1:
             break
-    return [_shapeless(replace(case, model=model)) for model in models.values()]
+    return [_shapeless(replace(case, model=model), rivals) for model in models.values()]
 
 
-def _shapeless(case: Case) -> Shapeless:
-    """Alpha by `Smooth` with the colors of the case."""
+def _shapeless(case: Case, rivals: Sequence[Evidence]) -> Shapeless:
+    """Alpha by `Smooth` with the colors of the case.
+
+    rivals: evidence of the shapes that are possible. The error of alpha is simulated only if alpha can
+    have a weight against them, with any of `_ERROR_FACTORS`: else it is that of the posterior, for
+    simulations take most of the time of `Smooth`. The posterior of alpha from texture alone, of a
+    model of rank 3, does not have the error by the object's own texture.
+    """
+    solver = Smooth()
+    fit = solver.fitted(case)
+    if rivals and case.model.rank < 3:
+        quick = solver.answer_with(case, fit, posterior_variance(fit), np.inf)
+        if not _may_have_weight(case, quick, rivals):
+            return _shapeless_of(case, quick)
+    return _shapeless_of(case, solver.answer_with(case, fit, *solver.simulated_error(fit)))
+
+
+def _may_have_weight(case: Case, answer: Answer, rivals: Sequence[Evidence]) -> bool:
+    """Whether alpha without a shape could count against rivals, if its error had another size."""
     assert case.hypotheses is not None
-    box, answer = case.grown_streak.around(MARGIN_PX), Smooth().answer(case, None)
-    maps, sum_std = answer.maps, answer.stats.sum_alpha_std or 0.0
+    alpha, std = _known_alpha(case, answer.maps)[:2]
+    trials = [case.hypotheses.evidence_of(alpha, factor * std) for factor in _ERROR_FACTORS]
+    return any(hypothesis_probabilities([*rivals, one])[-1] >= MIN_WEIGHT for one in trials)
+
+
+def _shapeless_of(case: Case, answer: Answer) -> Shapeless:
+    """An answer of `Smooth` with its evidence."""
+    assert case.hypotheses is not None
+    alpha, std, scale_std = _known_alpha(case, answer.maps)
+    evidence, box = case.hypotheses.evidence_of(alpha, std), case.grown_streak.around(MARGIN_PX)
+    near, sum_std = answer.maps.within(box).copied, answer.stats.sum_alpha_std or 0.0
+    return Shapeless(evidence, case.model, near, box, sum_std, scale_std)
+
+
+def _known_alpha(case: Case, maps: PixelMaps) -> tuple[Array, Array, float]:
+    """Alpha and its error (H, W), 0 where unknown; the relative error of all by the color."""
     sums = streak_sums(maps, case.model, case.image, case.plate, case.streak)
-    scale_std = sums.alpha_scale_std
-    near = maps.within(box)
-    std = np.hypot(near.alpha_std, scale_std * near.alpha)
-    known = np.isfinite(std) & ~has_flag(near.quality, Quality.OUTSIDE)
-    alpha, alpha_std = (np.zeros(maps.alpha.shape) for _ in range(2))
-    place = rows_columns(box, (0, 0, *case.image.size))
-    alpha[place], alpha_std[place] = np.where(known, near.alpha, 0), np.where(known, std, 0)
-    evidence = case.hypotheses.evidence_of(alpha, alpha_std)
-    return Shapeless(evidence, case.model, near.copied, box, sum_std, scale_std)
+    std = np.hypot(maps.alpha_std, sums.alpha_scale_std * maps.alpha)
+    known = np.isfinite(std) & ~has_flag(maps.quality, Quality.OUTSIDE)
+    return np.where(known, maps.alpha, 0), np.where(known, std, 0), sums.alpha_scale_std
 
 
 def adds_light(case: Case) -> bool:

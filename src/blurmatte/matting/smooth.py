@@ -16,7 +16,6 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Bools, Box, Floats, rows_columns
-from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.averaging import as_fraction
 from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
@@ -48,7 +47,6 @@ from blurmatte.matting.smooth_field import (
     sum_variance,
     upsampled,
 )
-from blurmatte.matting.special_pixels import MixedPlate
 from blurmatte.matting.stats import SmoothSummary, SolutionStats
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.chroma_subsampling import (
@@ -76,7 +74,7 @@ _TEXTURE_NOISE_POWER = 0.7  # exponent of the noise inflation for a model of ran
 
 
 @dataclass(frozen=True, eq=False)
-class _SmoothAlpha:
+class SmoothFit:
     """Alpha of all pixels, with the steps of the fit; maps are (h, w)."""
 
     pixels: PixelPairs
@@ -139,51 +137,47 @@ class Smooth(Solver):
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Solve the streak of a case, with its faint rims."""
-        box = case.grown_streak.around(MARGIN_PX)
-        maps = closed_form(case, box, out)
-        inside = case.grown_streak.mask[rows_columns(box)]
-        C, B, mixed = case.within(box)
-        sum_std, summary = self(maps, C, B, case.model, inside, box, mixed)
-        inpaint_light(maps.within(box), C, B)
-        stats = SolutionStats(sum_alpha_std=sum_std, smooth=summary)
-        return Answer(maps, case.model, maps.solved, stats, errors_like="Smooth", assumes="")
+        fit = self.fitted(case)
+        return self.answer_with(case, fit, *self.simulated_error(fit), out)
 
-    def __call__(
+    def answer_with(
         self,
-        maps: PixelMaps,
-        image: LinearImage,
-        plate: LinearImage,
-        model: ColorModel,
-        inside: Bools,
-        box: Box,
-        mixed: MixedPlate | None = None,
-    ) -> tuple[float, SmoothSummary]:
-        """Write alpha and light into maps of the closed form.
+        case: Case,
+        fit: SmoothFit,
+        variance: Floats,
+        of_sum: float,
+        out: PixelMaps | None = None,
+    ) -> Answer:
+        """Alpha of a fit and its light.
 
-        maps: of the closed form with the same model; changed in place.
-        image, plate: within the box, noise known.
-        model: of any rank; with rank 3 alpha follows from the attenuation of the plate's texture.
-        inside (h, w): where in the box alpha may be other than 0.
-        mixed: where in the box the plate's edges are uncertain.
-
-        Returns the standard deviation of the sum of alpha, and a summary of the fit. Warns
-        ConvergenceWarning if the last step still changed the result.
+        variance (h, w): of alpha, with the border of the fit. of_sum: variance of the sum of alpha.
+        Warns ConvergenceWarning if the last step of the fit still changed alpha.
         """
-        pixels = pixels_of(image, plate, model, inside, mixed)
-        file = file_of(pixels.image)
-        if file is not None and model.rank == 1:  # of other models colors are too uncertain
-            pixels = _before_file(pixels, file, self._fit(pixels).field)
-        fit = self._fit(pixels)
-        variance, of_sum = self._with_error(fit)
         _warn_unless_converged(fit.field)
+        box, inside = _box(case), fit.pixels.inside
+        maps = closed_form(case, box, out)
+        near, image = maps.within(box), case.image.crop(box)
         raw_std = np.sqrt(_inner(variance))
         alpha, alpha_std = as_fraction(_inner(fit.field.x), raw_std)
-        self._write(maps.within(box), alpha, alpha_std, pixels, image)
-        maps.within(box).quality[inside] |= alpha_flags(alpha, raw_std, self.max_alpha_std)[inside]
+        self._write(near, alpha, alpha_std, fit.pixels, image)
+        near.quality[inside] |= alpha_flags(alpha, raw_std, self.max_alpha_std)[inside]
+        inpaint_light(near, image, case.plate.crop(box))
         sum_std = min(float(np.sqrt(of_sum)), float(alpha_std[inside].sum(dtype=float)))
         prior, field = fit.prior, fit.field
         summary = SmoothSummary(prior.order, prior.scale, field.steps, field.converged)
-        return sum_std, summary
+        stats = SolutionStats(sum_alpha_std=sum_std, smooth=summary)
+        return Answer(maps, case.model, maps.solved, stats, errors_like="Smooth", assumes="")
+
+    def fitted(self, case: Case) -> SmoothFit:
+        """Fit alpha, twice where the image's file has subsampled chroma."""
+        box = _box(case)
+        image, plate, mixed = case.within(box)
+        inside = case.grown_streak.mask[rows_columns(box)]
+        pixels = pixels_of(image, plate, case.model, inside, mixed)
+        file = file_of(pixels.image)
+        if file is not None and case.model.rank == 1:  # of other models colors are too uncertain
+            pixels = _before_file(pixels, file, self._fit(pixels).field)
+        return self._fit(pixels)
 
     def _write(
         self,
@@ -203,7 +197,7 @@ class Smooth(Solver):
         kept = np.uint8(Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT)
         maps.quality[inside] &= kept
 
-    def _fit(self, pixels: PixelPairs) -> _SmoothAlpha:
+    def _fit(self, pixels: PixelPairs) -> SmoothFit:
         """Fit alpha, from a first estimate to the finest level."""
         near = _smoothed_alpha(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         inflation, rank = noise_inflation(pixels, near), pixels.model.rank
@@ -227,12 +221,12 @@ class Smooth(Solver):
         levels = renewed.levels(_MAX_COARSE_CELLS)
         samples = _FINAL_SAMPLES
         prior, field = self._refined(levels, prior, field, finest, rank, samples)
-        return _SmoothAlpha(
+        return SmoothFit(
             pixels, near, inflation, noise_factor, levels, coarse, prior, field, shared
         )
 
-    def _with_error(self, fit: _SmoothAlpha) -> tuple[Floats, float]:
-        """The variance of each pixel's alpha, with a border, and that of their sum."""
+    def simulated_error(self, fit: SmoothFit) -> tuple[Floats, float]:
+        """The variance (h, w) of alpha, with a border, and that of its sum, by simulations."""
         levels, inflation, noise_factor = fit.levels, fit.inflation, fit.noise_factor
         field, cells = fit.field, 4 ** (len(levels) - 1)
         of_sum = inflation / noise_factor * sum_variance(levels[-1], *fit.coarse[0], cells)
@@ -243,10 +237,8 @@ class Smooth(Solver):
         # Cells and pixels weight the evidence differently; the difference of sums is a model error.
         fine, coarse = (float(one.x.sum(dtype=float)) for one in (field, fit.coarse[-1][1]))
         of_sum += (fine - 4**fit.finest * coarse) ** 2
-        lost = (1 - 1 / inflation) * _fine_structure(field.x)
         variance, bias_square = self._variance(levels, fit.prior, field, fit.pixels.model.rank)
-        variance = variance * inflation / noise_factor + np.pad(shared, BORDER) + lost
-        return variance, of_sum + bias_square
+        return _with_correlation(fit, variance, shared), of_sum + bias_square
 
     def _refined(
         self,
@@ -297,6 +289,11 @@ class Smooth(Solver):
         for level in reversed(levels[:depth]):
             variance = upsampled(variance, level.mask.shape)
         return variance, 16**depth * bias_square
+
+
+def _box(case: Case) -> Box:
+    """Where alpha may be other than 0, with a margin."""
+    return case.grown_streak.around(MARGIN_PX)
 
 
 def _warn_unless_converged(field: Field) -> None:
@@ -362,7 +359,7 @@ def _before_file(pixels: PixelPairs, file: Compressed, field: Field) -> PixelPai
     return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
 
 
-def _of_rounding(fit: _SmoothAlpha) -> tuple[Floats, float]:
+def _of_rounding(fit: SmoothFit) -> tuple[Floats, float]:
     """Variance of each pixel's alpha and of their sum, from rounding errors that neighbors share."""
     levels = fit.levels
     pulls = rounding_pulls(fit.pixels, np.clip(fit.near, 0, 1), levels)
@@ -373,6 +370,21 @@ def _of_rounding(fit: _SmoothAlpha) -> tuple[Floats, float]:
     of_sum = np.mean((cells * off.sum(axis=(1, 2))) ** 2)
     share = 1 - 1 / fit.inflation  # independent noise of pixels dithers the codes
     return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
+
+
+def posterior_variance(fit: SmoothFit) -> Floats:
+    """The variance (h, w) of alpha given the prior, with a border.
+
+    It is quicker than a simulation, which also contains the error by the choice of the prior.
+    """
+    return _with_correlation(fit, fit.field.variance, fit.shared)
+
+
+def _with_correlation(fit: SmoothFit, variance: Floats, shared: Floats) -> Floats:
+    """A variance with what correlated noise adds to it."""
+    lost = (1 - 1 / fit.inflation) * _fine_structure(fit.field.x)
+    inflated = variance * fit.inflation / fit.noise_factor
+    return np.asarray(inflated + np.pad(shared, BORDER) + lost)
 
 
 def _fine_structure(x: Floats) -> Floats:
