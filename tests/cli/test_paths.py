@@ -14,6 +14,7 @@ from blurmatte.cli.paths import check_ending
 
 # Of files that are not there: only what is looked at first can be complained of.
 SOLVE = "a.png", "--plate", "b.png"
+LONG = "c" * 300 + ".json"
 
 
 @pytest.mark.parametrize(
@@ -28,6 +29,7 @@ SOLVE = "a.png", "--plate", "b.png"
         (("color", *SOLVE, "--out", "c.txt"), "c.txt: a color model is written as .json"),
         (("color", *SOLVE, "--out", "folder.json"), "folder.json: is a folder"),
         (("color", *SOLVE, "--out", "no/c.json"), "there is no folder no; make it"),
+        (("color", *SOLVE, "--out", LONG), f"{LONG}: check the path ("),
         (("show", "a.png", "--out", "s.gif"), "a sheet is written as .png or .jpg"),
         (("score", "r", "--truth", "t", "--out", "s.txt"), "scores is written as .json or .csv"),
         (("measure", "a.exr", "--out", "m.txt"), "a motion is written as .json or .csv"),

@@ -13,6 +13,7 @@ from tests.clips.conftest import COLOR, COUNT, FIRST, LAST, NOISE
 
 import blurmatte as bm
 from blurmatte.motion.clip.workers import Failure
+from blurmatte.sweep.model.priors import OpacityPrior
 
 NAMES = [f"layer.{k:06d}.exr" for k in range(FIRST, LAST + 1)]
 
@@ -86,6 +87,19 @@ def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
     before = contents(folder)
     assert saved(shot, folder).new == 0
     assert contents(folder) == before
+
+
+def test_settings_of_a_solver_belong_to_the_key(shot):
+    """Exact: frames that were solved with other settings are not taken for done."""
+    solvers = (
+        None,
+        bm.Smooth(),
+        bm.matting.Averaged(),
+        bm.matting.Averaged(seconds=3),
+        bm.matting.Averaged(opacity=OpacityPrior.ANY),
+    )
+    keys = {run_of(shot, solver=solver).key for solver in solvers}
+    assert len(keys) == len(solvers)
 
 
 def test_interrupted_run_ends_with_the_same_bytes(shot, once, tmp_path):

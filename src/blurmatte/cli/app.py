@@ -352,7 +352,7 @@ def _ending(quiet: bool, verbose: bool) -> Iterator[None]:
                 raise  # nobody listens any more, or it is no error
             except (bm.BlurmatteError, ValueError, TypeError, OSError) as error:
                 explain_failure(error)
-                complain(str(error))
+                complain(_in_words(error))
                 raise typer.Exit(ExitCode.REFUSED) from None
             except Exception as error:
                 if interrupted():
@@ -368,6 +368,13 @@ def _ending(quiet: bool, verbose: bool) -> Iterator[None]:
     except ValueError as error:
         complain(str(error))
         raise typer.Exit(ExitCode.REFUSED) from None
+
+
+def _in_words(error: Exception) -> str:
+    """What was wrong; of a name that the operating system refuses, that name and why."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: check the path ({error.strerror})"
+    return str(error)
 
 
 def _print_version(wanted: bool) -> None:

@@ -138,6 +138,7 @@ class ClipRun:
             "occluder": hidden,
             "solver": repr(self.solver),
             "opacity": None if self.solver is None else self.solver.opacity,
+            "seconds": None if self.solver is None else self.solver.seconds,
         }
         return key_of(self.inputs, settings)
 
