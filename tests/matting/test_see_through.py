@@ -203,6 +203,16 @@ def test_over_the_plate_the_light_of_a_lamp_gives_back_the_picture(tmp_path, at_
     np.testing.assert_allclose(again.premultiplied, solution.layer.premultiplied, atol=1e-6)
 
 
+def test_a_solid_object_brighter_than_white_may_be_a_lamp_before_an_even_plate():
+    """honest: nothing shows whether it hides what is behind it."""
+    path = Trajectory.line((40.0, 50.0), (90.0, 62.0))
+    scene = Scene(PLATES["plain"](3), path, Ball(11, (3.5, 3.0, 1.5), ambient=0.9))
+    alpha, solution = solved(scene)
+    error, claim = error_of(alpha, solution), solution.stats.alpha_error
+    assert solution.grade is Grade.ASSUMED
+    assert error < 2 * claim
+
+
 @pytest.mark.battery
 def test_a_slow_lamp_before_texture_is_no_solid_object():
     image, plate, added = lamp((0.25, 0.3, 0.45), radius=7, length=30, light=0.9)

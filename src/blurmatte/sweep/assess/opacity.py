@@ -19,8 +19,9 @@ colors (a line or plane), image and plate themselves are used along the axes acr
 which the object has no light (equation (2) of the design).
 
 A surface is solid (f = 1) or lets light through (f uniform from 0 to 1), and its light k is at most f
-times that of the brightest paint. A source of light has any k, and most sources hide nothing (f = 0).
-Light that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
+times that of the brightest paint. A source of light has any k. A flame hides nothing (f = 0), but what
+glows, and what is lit more than the scene that the camera was exposed for, may as well be solid. Light
+that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
 an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. Of one
 at rest, or if any opacity is known to be possible (`OpacityPrior`), both kinds of surface have even
 odds, and f is the mean of the posterior. The error is its root mean square distance from that value.
@@ -345,8 +346,9 @@ def _posterior(scores: list[_Scores], lights: _Lights, is_open: bool) -> Opacity
     if not source.any():
         surface, source = np.ones((2, len(f)), bool)
     likelihood = np.exp(log - log[source].max())
+    prior = np.where(surface, 1, RARE_ODDS * source)
     solid, dark = likelihood[-1] * surface[-1], likelihood[0] * RARE_ODDS * source[0]
-    thin = likelihood * np.gradient(f) * np.where(surface, 1, RARE_ODDS * source)
+    thin = likelihood * np.gradient(f) * prior
     at, odds = np.array([0.0, *f, 1.0]), 1.0 if is_open else RARE_ODDS
     mass = np.array([dark, *(odds * thin), solid])
     value = float(mass @ at / mass.sum())
@@ -355,6 +357,7 @@ def _posterior(scores: list[_Scores], lights: _Lights, is_open: bool) -> Opacity
     elif mass[0] > mass.sum() / 2:
         value = 0.0
     mean = float(thin @ f / thin.sum())
+    mass[-1] = likelihood[-1] * prior[-1]  # a source that hides all has even odds
     return Opacity(value, _rms_from(value, at, mass), mean, _rms_from(mean, f, thin))
 
 
