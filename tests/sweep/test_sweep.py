@@ -225,3 +225,17 @@ def test_rank_is_2_for_two_paints_and_3_for_any_colors():
     for spread, rank in (((0.3, 0.01, 0.01), 1), ((0.3, 0.2, 0.01), 2), ((0.3, 0.2, 0.2), 3)):
         field = replace(state.field, spread=length * np.array(spread))
         assert sweep_of(Candidate(replace(state, field=field)), image).model.rank == rank
+
+
+@pytest.mark.parametrize("other", [LINE, PARABOLA, CUBIC], ids=lambda family: family.name)
+def test_a_change_to_another_sweep_is_that_of_path_and_radius(other):
+    """exact: also if the other has another kind of path, or the other direction of time."""
+    sweep = swept(FLAT[LINE])
+    moved = sweep.family.shifted(sweep.path, np.array([0.5, -0.25]))
+    curve = sweep.family.curve(moved)
+    for way in (curve, curve[::-1]):
+        path, shape = other.starts(way)[0], sweep.shape + 0.75
+        change = sweep.change_to(replace(sweep, family=other, path=path, shape=shape))
+        assert_allclose(change[:-1], np.tile([0.5, -0.25], 2), atol=1e-9)
+        assert_allclose(change[-1], 0.75, rtol=1e-6)
+    assert_allclose(sweep.change_to(sweep), 0, atol=1e-12)

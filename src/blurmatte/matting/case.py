@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from blurmatte.background import Match
-from blurmatte.checks import Bools, Box, Codes8, enclosing, rows_columns
+from blurmatte.checks import Array, Bools, Box, Codes8, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
@@ -152,6 +152,8 @@ class Answer:
         The solver of the largest weight, of one that averages several.
     error_factor : float
         By which the calibrated error exceeds the claimed one, 1 or more.
+    between : (n, n) float, optional
+        Covariance of the parameters of the likeliest shape between the shapes that were averaged.
     errors_like : "Pixelwise" or "Smooth"
         Of stats without a grade, the solver whose calibration the errors get.
     assumes : str
@@ -179,6 +181,7 @@ class Answer:
     stats: SolutionStats
     chosen: "Solver | None" = None
     error_factor: float = 1.0
+    between: Array | None = None
     errors_like: Literal["Pixelwise", "Smooth"] = "Pixelwise"
     assumes: str = "solver"
     locates: bool = False

@@ -130,6 +130,15 @@ class _WeightedHypotheses:
         return hypothesis_weights([one.evidence for one in self.shapes])
 
     @property
+    def between_shapes(self) -> Array:
+        """Covariance (n, n) of the parameters of the first shape between the shapes that count."""
+        weights = self.weights[: len(self.shapes)]
+        weights = np.where(weights < MIN_WEIGHT, 0, weights)
+        first = self.shapes[0].sweep
+        changes = np.stack([first.change_to(one.sweep) for one in self.shapes])
+        return np.asarray((changes.T * weights) @ changes / max(weights.sum(), MIN_WEIGHT))
+
+    @property
     def opacity_error(self) -> float:
         """Relative standard deviation of the opacity of the shapes, which calibrations do not know."""
         relative = [one.opacity_error for one in self.shapes]
@@ -283,7 +292,10 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     )
     locates = found.best.has_shape
     solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)
-    return Answer(maps, model, maps.solved, stats, solver, factor, locates=locates, assumes="")
+    between = found.between_shapes
+    return Answer(
+        maps, model, maps.solved, stats, solver, factor, between, locates=locates, assumes=""
+    )
 
 
 def _written(

@@ -366,6 +366,8 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None:
         covariance = answer.error_factor**2 * sweep.covariance
+        if answer.between is not None:
+            covariance = covariance + answer.between
         sweep = replace(sweep, covariance=covariance).with_curve_error
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))

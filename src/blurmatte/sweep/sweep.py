@@ -314,6 +314,21 @@ class Sweep:
             variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
         return swept.alpha, np.sqrt(variance)
 
+    def change_to(self, other: "Sweep") -> Array:
+        """(n + m,) change of its parameters that gives it path and radius of another, nearly.
+
+        The direction of time is unknown: it is that in which the paths are closer.
+        """
+        own, curve = self.family.curve(self.path), other.family.curve(other.path)
+        curve = curve + other.silhouette.center(other.shape)
+        curve = curve - self.silhouette.center(self.shape)
+        if np.sum((curve[::-1] - own) ** 2) < np.sum((curve - own) ** 2):
+            curve = curve[::-1]
+        of_path = self.family.starts(curve)[0] - self.family.starts(own)[0]
+        slope = self.silhouette.radius_slope(self.shape)
+        of_shape = slope * (other.radius - self.radius) / (slope @ slope)
+        return np.concatenate([of_path, of_shape])
+
     @property
     def with_curve_error(self) -> "Sweep":
         """The sweep with the error of an assumed transfer curve in its covariance."""
