@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from benchmarks.accuracy.verdict import FILES, KINDS, draw
+from benchmarks.trials import photograph
 from numpy.testing import assert_array_equal
 
 import blurmatte as bm
@@ -72,3 +74,17 @@ def test_an_alpha_without_a_shape_that_has_weight_has_a_simulated_error(monkeypa
     monkeypatch.setattr(Smooth, "simulated_error", counted)
     assert solve(*pictures).stats.weights[-1] > MIN_WEIGHT
     assert simulated
+
+
+@pytest.mark.battery
+def test_errors_of_the_radius_contain_other_likely_shapes():
+    """honest: of balls with gloss or a shadow as JPEG, before all plates."""
+    z = []
+    for kind in ("glossy ball", "ball and its shadow"):
+        for seed in range(12, 20):
+            drawn = draw(93_000 + seed)
+            pictures = photograph(KINDS[kind](drawn).truth, FILES["JPEG"], seed)
+            sweep = solve(*pictures).sweep
+            z.append((sweep.radius - drawn.radius) / sweep.radius_std)
+    assert np.mean(np.abs(z) < 3) >= 0.9
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 2
