@@ -1,7 +1,7 @@
 """solve: image + plate + colors → Solution."""
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -43,6 +43,18 @@ from blurmatte.sweep.sweep import Sweep
 # Standard deviation of a guessed plate over its light, a third of what a soft shadow takes
 _MAX_ERROR_WITH_SHADOW = 0.1
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What `solve` is asked to do with two pictures."""
+
+    model: ColorModel | None
+    solver: Solver
+    streak: Streak | None
+    start: Sweep | None = None
+    prior: MotionPrior | None = None
+    out: PixelMaps | None = None
 
 
 def solve(
@@ -101,10 +113,11 @@ def solve(
     confirmed: alpha within 0.0036, its sum within 1 %.
     """
     _check(image, plate, model, solver, streak, out, start)
-    given = model, _that_shows_in(plate, solver or Averaged()), streak
+    shown = _that_shows_in(plate, solver or Averaged())
+    request = _Request(model, shown, streak, start, prior, out)
     if isinstance(plate, PlateGuess):
-        return _around_guess(image, plate, *given, occluder, start, prior, out)
-    return _solved(_matched(image, plate, matching, occluder), *given, start, prior, out)
+        return _before_guess(image, plate, request, occluder)
+    return _solved(_matched(image, plate, matching, occluder), request)
 
 
 def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
@@ -117,45 +130,23 @@ def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
     return replace(solver, hypotheses=kept)
 
 
-def _around_guess(
-    image: LinearImage,
-    plate: PlateGuess,
-    model: ColorModel | None,
-    solver: Solver,
-    streak: Streak | None,
-    occluder: Bools | None,
-    start: Sweep | None,
-    prior: MotionPrior | None,
-    out: PixelMaps | None,
-) -> Solution:
-    """As `_before_guess`, of the surroundings alone: elsewhere image and guess are one picture.
-
-    Of the whole picture if something is given in its pixels, or arrays for it.
-    """
-    if start is not None or prior is not None or out is not None:
-        return _before_guess(image, plate, model, solver, streak, occluder, start, prior, out)
-    box = plate.surroundings
-    if streak is not None:
-        box = enclosing([box, streak.box])
-        streak = replace(streak, mask=streak.mask[rows_columns(box)])
-    if occluder is not None:
-        occluder = check_map("occluder", occluder, image.valid.shape, "b")[rows_columns(box)]
-    part = image.crop(box), plate.around_hidden(box), model, solver, streak, occluder
-    return _before_guess(*part, None, None, None).in_picture(box, image.size)
-
-
 def _before_guess(
-    image: LinearImage,
-    plate: PlateGuess,
-    model: ColorModel | None,
-    solver: Solver,
-    streak: Streak | None,
-    occluder: Bools | None,
-    start: Sweep | None,
-    prior: MotionPrior | None,
-    out: PixelMaps | None,
+    image: LinearImage, plate: PlateGuess, request: _Request, occluder: Bools | None
 ) -> Solution:
-    """The solution before a guessed plate; before its draws by a quick solver, from the first one."""
+    """The solution before a guessed plate; before its draws by a quick solver, from the first one.
+
+    Of the surroundings alone, as elsewhere image and guess are one picture, unless sweeps are given in
+    pixels of the whole picture, or arrays for it.
+    """
+    box, size, streak = plate.surroundings, image.size, request.streak
+    is_part = request.start is None and request.prior is None and request.out is None
+    if is_part:
+        if streak is not None:
+            box = enclosing([box, streak.box])
+            request = replace(request, streak=replace(streak, mask=streak.mask[rows_columns(box)]))
+        if occluder is not None:
+            occluder = check_map("occluder", occluder, image.valid.shape, "b")[rows_columns(box)]
+        image, plate = image.crop(box), plate.around_hidden(box)
     if image.noise is None:
         image = image.with_noise(plate.image_noise)
 
@@ -165,43 +156,35 @@ def _before_guess(
 
     def first(plate: LinearImage) -> Solution:
         """The solution before the mean of the guess."""
-        return _solved(matched(plate), model, solver, streak, start, prior, out)
+        return _solved(matched(plate), request)
 
     def again(known: Solution) -> Drawn:
         """Quick solutions that start from another, of a wide streak on cells."""
-        quick = Swept((Disc(),)) if known.stats.has_shape else Smooth()
+        solver = Swept((Disc(),)) if known.stats.has_shape else Smooth()
         found, sweep = Streak(known.streak), known.sweep
-        size = FittingSize.of(found) if prior is None else None
+        quick = _Request(known.model, solver, found, sweep, request.prior)
+        size = FittingSize.of(found) if quick.prior is None else None
         if size is None:
-            where = found, sweep, prior, None
-            return Drawn(lambda one: _solved(matched(one), known.model, quick, *where, warns=False))
-        where = size.streak(found), None if sweep is None else size.sweep(sweep), None, None
+            return Drawn(lambda one: _solved(matched(one), quick, warns=False))
+        start = None if sweep is None else size.sweep(sweep)
+        small = replace(quick, streak=size.streak(found), start=start)
 
         def on_cells(plate: LinearImage) -> Solution:
             """The solution before a plate, on means over cells."""
-            pictures = _in_cells(size, matched(plate), found)
-            return _solved(pictures, known.model, quick, *where, warns=False)
+            return _solved(_in_cells(size, matched(plate), found), small, warns=False)
 
         return Drawn(on_cells, size)
 
-    return solve_before_guess(plate, first, again)
+    solution = solve_before_guess(plate, first, again)
+    return solution.in_picture(box, size) if is_part else solution
 
 
-def _solved(
-    pictures: Pictures,
-    model: ColorModel | None,
-    solver: Solver,
-    streak: Streak | None,
-    start: Sweep | None,
-    prior: MotionPrior | None,
-    out: PixelMaps | None,
-    warns: bool = True,
-) -> Solution:
+def _solved(pictures: Pictures, request: _Request, warns: bool = True) -> Solution:
     """The solution of matched pictures."""
-    case, others = _case_of(pictures, model, solver, streak, start, prior)
+    case, others = _case_of(pictures, request)
     if warns:
         warn_if_plate_differs(*case.compared)
-    return _solution(case, solver, others, out)
+    return _solution(case, request.solver, others, request.out)
 
 
 def shape_odds(
@@ -219,7 +202,7 @@ def shape_odds(
     The plate is taken as it is. Raises as `solve`.
     """
     pictures = _matched(image, plate, Matching.NONE, occluder)
-    case, _ = _case_of(pictures, model, Averaged(), streak, start, prior)
+    case, _ = _case_of(pictures, _Request(model, Averaged(), streak, start, prior))
     assert case.hypotheses is not None
     return case.hypotheses.best, shape_log_odds(case)
 
@@ -267,20 +250,14 @@ def _matched(
     return Pictures(image, plate, match, hidden, measured)
 
 
-def _case_of(
-    pictures: Pictures,
-    model: ColorModel | None,
-    solver: Solver,
-    streak: Streak | None,
-    start: Sweep | None,
-    prior: MotionPrior | None,
-) -> tuple[Case, list[Streak]]:
+def _case_of(pictures: Pictures, request: _Request) -> tuple[Case, list[Streak]]:
     """Streak, colors, and sweeps unless the solver needs none; and the other streaks found."""
-    image, plate = pictures.image, pictures.plate
+    image, plate, solver = pictures.image, pictures.plate, request.solver
     _LOG.info("finding the streak")
-    found = [streak] if streak is not None else []
+    found = [request.streak] if request.streak is not None else []
     if not found:
         found = merge_across_occluder(require_streaks(image, plate), pictures.hidden)
+    model = request.model
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
     model = solver.colors(model)
@@ -292,6 +269,7 @@ def _case_of(
     if model is not None and not solver.needs_sweep:
         return Case(pictures, chosen, model, None), others
     _LOG.info("fitting the sweep")
+    start, prior = request.start, request.prior
     # Of a frame of a clip, start and prior are in its pixels.
     size = FittingSize.of(chosen) if start is None and prior is None else None
     if size is not None:
