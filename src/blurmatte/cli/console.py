@@ -27,6 +27,7 @@ from typing import Any, TextIO, TypeVar
 import typer
 
 import blurmatte as bm
+from blurmatte.interrupts import EXIT_CODE
 
 T = TypeVar("T")
 
@@ -82,7 +83,7 @@ class ExitCode(IntEnum):
     UNEXPECTED = 1
     REFUSED = 2
     LOW_GRADE = 3
-    INTERRUPTED = 130
+    INTERRUPTED = EXIT_CODE
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from blurmatte.statistics import block_sums, window_sums
 from blurmatte.streaks import Streak, dilated, shift_variance
 
 # Limits of the shadow model.
-_MARGIN_PX = 16  # width of the unchanged surroundings of a streak
+MARGIN_PX = 16  # width of the unchanged surroundings of a streak
 # Relative difference of a channel of a shadow from their mean, by illuminants of several colors
 _MAX_HUE = 0.1
 _ITERATIONS = 6  # of fitting the hue, which converges in three
@@ -59,7 +59,7 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
     True for shadows, and for objects whose light is less than 6 % of the change, of the plate's hue,
     or below the noise. False where nothing changed. The noise must be known.
     """
-    box = streak.around(_MARGIN_PX)
+    box = streak.around(MARGIN_PX)
     inside = streak.mask[rows_columns(box)]
     image, plate = image.crop(box), plate.crop(box)
     use = image.valid & plate.valid

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.constants import g as standard_gravity
 
 from blurmatte.checks import Direction
 from blurmatte.deblurring.spin import Spin
@@ -24,7 +25,6 @@ _TOWARDS: dict[Direction, tuple[str, str]] = {
     "right": ("to the right", "to the left"),
 }
 _MAX_NAMED = 4  # frames in a sentence
-STANDARD_GRAVITY = 9.80665  # m/s² [3rd CGPM, 1901]
 _NO_TIME = "The speed is not known without the exposure time."
 _EITHER_END = (
     "The picture does not determine which end came first: the reverse motion looks the same."
@@ -222,7 +222,7 @@ def _compared(fall: FreeFall) -> list[str]:
     """Comparison with standard gravity."""
     assert fall.scale is not None
     g, std = fall.in_meters(fall.scale)
-    share, meters = g / STANDARD_GRAVITY, _in_meters(fall)
+    share, meters = g / standard_gravity, _in_meters(fall)
     said = [f"That is {meters}, {share:.3f} of standard gravity."]
     if fall.unit == "m" and not fall.rejection:  # a picture may show only a part of gravity
         said += _remedies(share, std / g)

@@ -18,6 +18,7 @@ from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, 
 from blurmatte.files.clip_times import Timing
 from blurmatte.radiometry.compression import (
     BLOCK,
+    MACROBLOCK,
     CodingError,
     CodingErrors,
     quantization_variance,
@@ -26,7 +27,6 @@ from blurmatte.radiometry.transfer import ycbcr_matrix
 
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
 _FRAMES_IN_MEMORY = 4
-_MACROBLOCK = 16  # pixels
 # By number of FFmpeg's AVVideoEncParamsType: steps of an orthonormal transform, from the numbers of
 # quantizers. H.264: 0.625 at 0, doubled by 6 more [ITU-T H.264, 8.5.9]. MPEG: twice the number.
 _STEPS: dict[int, Callable[[Array], Array]] = {
@@ -119,7 +119,7 @@ def _variance(clip: Clip, frame: Any, step: Array) -> Array:
     of_planes = []
     for number, plane in enumerate(planes_of(same)):
         h, w = (-(-side // BLOCK) for side in plane.shape)
-        repeats = 1 if number else _MACROBLOCK // BLOCK
+        repeats = 1 if number else MACROBLOCK // BLOCK
         of_block = np.kron(step, np.ones((repeats, repeats)))[:h, :w]
         variance = quantization_variance(plane, of_block)
         if number:

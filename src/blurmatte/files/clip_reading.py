@@ -25,9 +25,9 @@ from blurmatte.files.clip_geometry import (
     with_siting,
 )
 from blurmatte.files.clip_times import Timing, timing_of
-from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
+from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.errors import check_size, check_square_pixels
-from blurmatte.files.icc import CICP_PRIMARIES, Profile, matrix_to_srgb
+from blurmatte.files.icc import CICP_PRIMARIES, H273, Profile, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, RgbCodes
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding

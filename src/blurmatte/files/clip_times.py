@@ -20,7 +20,6 @@ import numpy.typing as npt
 from blurmatte.checks import Array
 from blurmatte.errors import BlurmatteWarning, FileError
 
-MICROSECOND = Fraction(1, 1_000_000)  # FFmpeg's unit of the duration of a file
 _MIN_MISSING_FRAMES = 2  # durations are rounded
 _MIN_MISSING_FRACTION = 0.02
 _MAX_LISTED = 5  # numbers of frames in a message
@@ -263,6 +262,8 @@ def _warn_of_order(path: Path, stamps: npt.NDArray[np.int64], stacklevel: int) -
 
 def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], rate: float) -> int:
     """Number of frames between the end of the packets and that which the file states."""
+    import av
+
     end, tag = (
         ends.get(stream.index, Fraction(0)),
         _CLOCK.match(stream.metadata.get("DURATION", "")),
@@ -272,7 +273,7 @@ def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], r
     elif tag:
         stated = int(tag[1]) * 3600 + int(tag[2]) * 60 + Fraction(tag[3])
     else:  # that of the longest stream
-        stated = (container.duration or 0) * MICROSECOND
+        stated = Fraction(container.duration or 0, av.time_base)
         end = max(ends.values(), default=Fraction(0))
     start = (stream.start_time or 0) * stream.time_base
     return max(round(float(stated - max(end, end - start)) * rate), 0)

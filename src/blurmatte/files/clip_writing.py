@@ -18,7 +18,7 @@ import scipy
 from blurmatte.checks import Codes8, Floats
 from blurmatte.files.clip_decoding import video_library
 from blurmatte.files.clip_reading import LIMITED_WHITE
-from blurmatte.files.encoding import H273
+from blurmatte.files.icc import H273
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import rec709_converter
 from blurmatte.radiometry.image import LinearImage

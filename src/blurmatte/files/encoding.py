@@ -7,7 +7,6 @@ the curves. Otherwise floats are linear, and integers are taken as sRGB with a w
 
 import warnings
 from collections.abc import Sequence
-from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +28,6 @@ from blurmatte.files.png import PngHeader
 from blurmatte.files.raster import CICP, DCF, IS_SRGB, PRIMARIES, Raster
 from blurmatte.formats import EXR, FITS
 from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma
-
-
-class H273(IntEnum):
-    """Code points of ITU-T H.273 for curves, primaries and matrices."""
-
-    BT709 = 1
-    UNSPECIFIED = 2
-    BT601 = 5  # the matrix
-
 
 # Transfer characteristics of ITU-T H.273 that are plain curves.
 CICP_CURVES = {

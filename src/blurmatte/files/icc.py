@@ -12,6 +12,7 @@ white other than D65 is not adapted.
 import struct
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
@@ -39,6 +40,15 @@ _SMPTE170M = (0.630, 0.340, 0.310, 0.595, 0.155, 0.070, *_D65)
 _BT2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, *_D65)
 _P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
 ADOBE_RGB = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, *_D65)
+
+
+class H273(IntEnum):
+    """Code points of ITU-T H.273 for curves, primaries and matrices."""
+
+    BT709 = 1
+    UNSPECIFIED = 2
+    BT601 = 5  # the matrix
+
 
 # Color primaries of ITU-T H.273, table 2.
 CICP_PRIMARIES: dict[int, Chromaticities] = {

@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.constants import inch
 
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import icc_profile, png_encoding, primaries_alone
@@ -36,7 +37,7 @@ from blurmatte.files.exif import (
     tags_block,
     without_thumbnail,
 )
-from blurmatte.files.png import png_chunks, save_chunks
+from blurmatte.files.png import MAX_TEXT_BYTES, png_chunks, save_chunks
 from blurmatte.files.raster import IS_SRGB, Raster
 from blurmatte.files.raster_writing import save_pixels
 from blurmatte.formats import JPEG, PNG, TIFF
@@ -46,8 +47,6 @@ from blurmatte.radiometry.transfer import SRGB
 _XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
 _PNG_XMP = b"XML:com.adobe.xmp\0"  # keyword of an iTXt chunk
 _INCH, _CENTIMETER = 2, 3  # values of RESOLUTION_UNIT
-_INCH_METERS = 0.0254
-_MAX_XMP_BYTES = 1 << 24  # of a compressed packet
 # TIFF tags of the layout of pixels.
 _LAYOUT = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 317, 338, 339)
 # TIFF tags that are not copied: layout, other pages, thumbnails, Photoshop's layers; XMP and ICC.
@@ -199,7 +198,7 @@ def _read_png(raster: Raster) -> Metadata:
             xmp = _png_text(data) or xmp
         elif kind == b"pHYs" and len(data) == 9 and data[8] == 1:
             x, y = struct.unpack(">2L", data[:8])
-            dpi = x * _INCH_METERS, y * _INCH_METERS
+            dpi = x * inch, y * inch
     return Metadata(icc_profile(raster), exif, xmp, dpi)
 
 
@@ -213,7 +212,7 @@ def _png_text(data: bytes) -> bytes:
     """The text of an iTXt chunk; empty if it is invalid."""
     try:
         compressed, text = data[len(_PNG_XMP)], data[len(_PNG_XMP) + 2 :].split(b"\0", 2)[2]
-        return zlib.decompressobj().decompress(text, _MAX_XMP_BYTES) if compressed else text
+        return zlib.decompressobj().decompress(text, MAX_TEXT_BYTES) if compressed else text
     except (IndexError, zlib.error):
         return b""
 
@@ -329,7 +328,7 @@ def _png_chunks_of(metadata: Metadata, raster: Raster) -> list[tuple[bytes, byte
     elif raster.tags.get("Exif:ColorSpace") == IS_SRGB:
         chunks.append((b"sRGB", b"\0"))  # rendering intent: perceptual
     if metadata.dpi:
-        x, y = (round(value / _INCH_METERS) for value in metadata.dpi)
+        x, y = (round(value / inch) for value in metadata.dpi)
         chunks.append((b"pHYs", struct.pack(">2LB", x, y, 1)))
     exif = _exif_with_color_space(metadata, raster)
     if exif:

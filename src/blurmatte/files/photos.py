@@ -16,9 +16,9 @@ import numpy.typing as npt
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import check_size, damaged
 from blurmatte.files.exif import EXIF_MARK
+from blurmatte.files.icc import H273
 from blurmatte.formats import AVIF, HEIC, Format
 
-_UNSPECIFIED = 2  # of H.273
 _DAMAGE = OSError, SyntaxError, ValueError, LookupError, EOFError, RuntimeError, TypeError
 
 
@@ -126,4 +126,4 @@ def _cicp(content: bytes) -> tuple[int, ...]:
     if at < 8 or len(content) < at + 4:
         return ()
     primaries, curve = struct.unpack_from(">2H", content, at)
-    return () if _UNSPECIFIED in (primaries, curve) else (primaries, curve, 0, 1)
+    return () if H273.UNSPECIFIED in (primaries, curve) else (primaries, curve, 0, 1)

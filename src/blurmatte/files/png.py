@@ -15,7 +15,7 @@ from blurmatte.files.errors import damaged
 from blurmatte.formats import PNG_SIGNATURE
 
 _LENGTHS = {b"IHDR": 13, b"gAMA": 4, b"cHRM": 32, b"sRGB": 1, b"cICP": 4}
-_MAX_TEXT_BYTES = 1 << 24  # of all text and the profile, inflated; libpng reads more very slowly
+MAX_TEXT_BYTES = 1 << 24  # of all text and the profile, inflated; libpng reads more very slowly
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class PngHeader:
 def inspect_png(path: Path) -> PngHeader:
     """The header of a PNG; raises FileError if it is truncated or damaged."""
     chunks: dict[bytes, bytes] = {}
-    inflatable = _MAX_TEXT_BYTES
+    inflatable = MAX_TEXT_BYTES
     for kind, data in _chunks(path, path.read_bytes()):
         _check_chunk(path, kind, len(data))
         if kind == b"IHDR" and chunks:
@@ -46,7 +46,7 @@ def inspect_png(path: Path) -> PngHeader:
         if inflatable < 0:
             raise FileError(
                 f"{path}: export it again without text and profile; those of the PNG inflate to more "
-                f"than {_MAX_TEXT_BYTES >> 20} MiB"
+                f"than {MAX_TEXT_BYTES >> 20} MiB"
             )
         if b"IDAT" not in chunks:  # later chunks do not count for the pixels
             chunks.setdefault(kind, bytes(data) if kind != b"IDAT" else b"")

@@ -18,6 +18,7 @@ import scipy
 from blurmatte.background import Match
 from blurmatte.checks import Array, Bools, Box, Codes8, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import MARGIN_PX
 from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
 from blurmatte.matting.special_pixels import MixedPlate, mixed_plate
@@ -30,7 +31,6 @@ from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.sweep import Sweep
 
-MARGIN_PX = 16  # around a streak, of pixels where nothing moved
 # Settings of the growth.
 _MARGIN_PX = 4.0  # added after growth; also to the reach of growth, half the width
 _RELATIVE_MARGIN = 0.15  # half widths of the streak, added after growth

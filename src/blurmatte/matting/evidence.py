@@ -16,6 +16,7 @@ from blurmatte.matting.evidence_kernel import evidence, evidence_of_matrices, re
 from blurmatte.matting.maps import MIN_VARIANCE, in_strips
 from blurmatte.matting.special_pixels import MixedPlate, one_clipped
 from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.radiometry.compression import BLOCK
 from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import (
     BLOCK_SIZES,
@@ -26,8 +27,6 @@ from blurmatte.statistics import (
     significant_inflation,
     window_sums,
 )
-
-BLOCK_PX = 8  # width of blocks: the correlation length of noise in compressed files
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,7 +238,7 @@ def _around_streak(pixels: PixelPairs) -> float:
     C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
     e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, VARIANCE_FLOOR))
-    squares = block_squares(e, pixels.use, BLOCK_PX).ravel()
+    squares = block_squares(e, pixels.use, BLOCK).ravel()
     return significant_inflation(squares, len(squares))
 
 
@@ -256,8 +255,8 @@ def _within_streak(pixels: PixelPairs, alpha: Floats, inside: Bools) -> float:
         residual(*light, l, alpha[strip], inside[strip], rest[:, strip])
 
     in_strips(rows, len(inside))
-    e, variance, count = (block_sums(m, BLOCK_PX) for m in (*rest, inside.astype(float)))
-    full = count > BLOCK_PX**2 / 2
+    e, variance, count = (block_sums(m, BLOCK) for m in (*rest, inside.astype(float)))
+    full = count > BLOCK**2 / 2
     squares = []
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         both = full[a] & full[b]
@@ -270,10 +269,10 @@ def _of_alpha(information: Floats, pull: Floats, use: Bools) -> float:
 
     Over windows around each pixel, independent of the position of a grid of blocks.
     """
-    variance, sums, count = (window_sums(m, BLOCK_PX, "constant") for m in (information, pull, use))
-    full = (count > BLOCK_PX**2 / 2) & (variance > 0)
+    variance, sums, count = (window_sums(m, BLOCK, "constant") for m in (information, pull, use))
+    full = (count > BLOCK**2 / 2) & (variance > 0)
     squares = sums[full] ** 2 / variance[full]
-    return significant_inflation(squares, len(squares) // BLOCK_PX**2)
+    return significant_inflation(squares, len(squares) // BLOCK**2)
 
 
 def _fine_structure(information: Floats, pull: Floats) -> float:

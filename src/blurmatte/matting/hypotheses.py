@@ -16,6 +16,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import MARGIN_PX
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
@@ -28,7 +29,7 @@ from blurmatte.matting.calibration import (
     graded,
     reasons,
 )
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
+from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.fitted_hypothesis import FittedHypothesis, OnPath, Shapeless
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.mixtures import Mixtures

@@ -24,8 +24,9 @@ import numpy as np
 
 from blurmatte.checks import Box, Codes, Codes8, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import MARGIN_PX
 from blurmatte.compiling import FAST_MATH, njit
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
+from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.maps import (
     MAX_CHI2,
     MAX_RANGE_STDS,

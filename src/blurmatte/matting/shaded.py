@@ -23,9 +23,9 @@ import numpy as np
 from blurmatte.background import Match
 from blurmatte.checks import Array, Bools, check_same_size, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import darker_pixels
+from blurmatte.color.shadow_test import MARGIN_PX, darker_pixels
 from blurmatte.errors import ColorModelError
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
+from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.maps import (
     MAX_CHI2,
     MAX_RANGE_STDS,

@@ -16,11 +16,11 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Bools, Box, Floats, rows_columns
+from blurmatte.color.shadow_test import MARGIN_PX
 from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.averaging import as_fraction
-from blurmatte.matting.case import MARGIN_PX, Answer, Case, Solver
+from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.evidence import (
-    BLOCK_PX,
     FirstEstimate,
     PixelPairs,
     evidence_of,
@@ -49,6 +49,7 @@ from blurmatte.matting.smooth_field import (
 )
 from blurmatte.matting.stats import SmoothSummary, SolutionStats
 from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.compression import BLOCK
 from blurmatte.sweep.model.chroma_subsampling import (
     Compressed,
     file_of,
@@ -389,9 +390,9 @@ def _with_correlation(fit: SmoothFit, variance: Floats, shared: Floats) -> Float
 
 def _fine_structure(x: Floats) -> Floats:
     """Mean square around each pixel of structure finer than a block, which compression removes."""
-    fine = (x - scipy.ndimage.uniform_filter(x, BLOCK_PX)) ** 2
+    fine = (x - scipy.ndimage.uniform_filter(x, BLOCK)) ** 2
     return np.asarray(
-        scipy.ndimage.uniform_filter(fine, BLOCK_PX).clip(0)
+        scipy.ndimage.uniform_filter(fine, BLOCK).clip(0)
     )  # running sums may round below 0
 
 

@@ -31,11 +31,11 @@ from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
 from blurmatte.motion.picture.motion import QUANTITIES, Motion
 from blurmatte.sweep.model.path import FROM_REST, LINE
+from blurmatte.sweep.model.shape import OUTLINE_POINTS
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
 
 _INTERVALS = 128  # of the exposure
-_OUTLINE_POINTS = 720
 _END = 1e-3  # exposures: step of the differences that give the velocity at both ends
 _DEPARTURE = 4  # index of the time of departure in the parameters of a path from rest
 _N = len(QUANTITIES)
@@ -148,7 +148,7 @@ def _quantities_of_sweep(sweep: Sweep, path: Array, shape: Array) -> Array:
     chord = xy[-1] - xy[0]
     angle = float(np.arctan2(chord[1], chord[0]))
     normal = np.array([-np.sin(angle), np.cos(angle)])
-    across = sweep.silhouette.outline(shape, _OUTLINE_POINTS) @ normal
+    across = sweep.silhouette.outline(shape, OUTLINE_POINTS) @ normal
     first, last = (_velocity(sweep, path, shape, t) for t in (0, 1))
     speeds, area = steps / durations, sweep.silhouette.area(shape)
     size = [np.ptp(across), np.sqrt(area / np.pi), area]

@@ -24,7 +24,7 @@ from blurmatte.errors import MotionError
 from blurmatte.sweep.model.path import LINE, PathFamily
 from blurmatte.sweep.model.pixels import Pixels
 
-_AREA_POINTS = 720  # of the polygon whose area is that of an outline
+OUTLINE_POINTS = 720  # of the polygon whose area, centroid and width are those of an outline
 _RADIUS_STEP = 1e-5  # radii, of numerical derivatives
 
 
@@ -184,7 +184,7 @@ class FlatShape(Shape):
 
     def area(self, shape: Array) -> float:
         """Area, pixels²."""
-        x, y = self.outline(shape, _AREA_POINTS).T
+        x, y = self.outline(shape, OUTLINE_POINTS).T
         return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
 
     def radius(self, shape: Array) -> float:

@@ -20,7 +20,7 @@ from blurmatte.checks import Array
 from blurmatte.sweep.model import rim_kernel
 from blurmatte.sweep.model.path import PathFamily, pieces_of
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
+from blurmatte.sweep.model.shape import OUTLINE_POINTS, FlatShape, Shape, SweptAlpha
 
 OPAQUE = 0.999  # alpha from which the plate is invisible
 
@@ -29,7 +29,6 @@ _Stretch = Annotated[float, Interval(ge=-1, le=1)]
 
 # Bounds of the parameters of a silhouette.
 MAX_ORDER = 64  # of the Fourier series of an outline, in files
-_CENTER_POINTS = 720  # of the polygon whose centroid is that of an outline
 _MAX_LOG_STRETCH = 2.0  # half the log of length over width: 55 times as long as wide
 # Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points
 # has half of it
@@ -218,7 +217,7 @@ class Silhouette(FlatShape):
         """(2,) centroid; that of an outline of order 3 or more is off the path."""
         if self.order < 3:
             return np.zeros(2)
-        x, y = self.outline(shape, _CENTER_POINTS).T
+        x, y = self.outline(shape, OUTLINE_POINTS).T
         cross = x * np.roll(y, -1) - np.roll(x, -1) * y
         middle = [((p + np.roll(p, -1)) * cross).sum() / (3 * cross.sum()) for p in (x, y)]
         return np.array(middle)
