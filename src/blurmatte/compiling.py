@@ -5,7 +5,6 @@ import os
 import pickle
 import stat
 import tempfile
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
@@ -13,7 +12,7 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
-from blurmatte.errors import BlurmatteWarning
+from blurmatte.errors import warn
 
 _DIGEST = hashlib.sha256().digest_size
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}  # of all kernels
@@ -127,11 +126,9 @@ def _moved_cache() -> bool:
     config: Any = numba.config
     config.reload_config()
     where = "nowhere, so each run compiles them again" if folder is None else f"in {folder}"
-    warnings.warn(
+    warn(
         f"the home folder cannot be written to; compiled code is kept {where}; NUMBA_CACHE_DIR names "
-        "another folder",
-        BlurmatteWarning,
-        stacklevel=4,
+        "another folder"
     )
     return folder is not None
 

@@ -19,7 +19,12 @@ Wrong arguments (a bad shape, a negative gain) raise ValueError or TypeError.
 Bad *pixels* never raise; they are marked in `Solution.quality`.
 """
 
+import sys
+import warnings
+from pathlib import Path
 from typing import Any
+
+_PACKAGE = str(Path(__file__).parent)
 
 
 class BlurmatteError(Exception):
@@ -189,3 +194,11 @@ class ConvergenceWarning(BlurmatteWarning):
     ...     warnings.simplefilter("error", bm.errors.ConvergenceWarning)
     ...     answer = bm.solve(image, plate, solution.model, bm.Pixelwise())
     """
+
+
+def warn(message: str, category: type[Warning] = BlurmatteWarning) -> None:
+    """Warn at the line outside of this package from which it was called."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
+        frame, level = frame.f_back, level + 1
+    warnings.warn(message, category, stacklevel=level)

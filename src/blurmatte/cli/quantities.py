@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import warnings
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -279,12 +278,10 @@ def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
     (x, y), axis = ((n - 1) / 2 for n in size), (lens.cx, lens.cy)
     off = abs(axis[0] - x) / size[0], abs(axis[1] - y) / size[1]
     if lens.size is None and max(off) > _FAR_OFF_AXIS:
-        warnings.warn(
+        bm.errors.warn(
             "the camera's axis meets the picture at ({:.0f}, {:.0f}), far from its middle, ({:.0f}, "
             "{:.0f}): if it was calibrated with pictures of another size than {}x{}, all of space is "
             'wrong; calibrate with such, and say "size": [{}, {}] in its file'.format(
                 *axis, x, y, *size, *size
-            ),
-            bm.errors.BlurmatteWarning,
-            stacklevel=2,
+            )
         )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -167,11 +166,9 @@ GUESSED = Path("none")  # a plate that was not taken: what the object hides is g
 def guess_behind(image: bm.LinearImage, streak: Any, grow: int = 0) -> bm.background.PlateGuess:
     """The scene behind the streak, (H, W) bool, of a layer; warns that it is a guess, and how good."""
     guess = bm.background.guess.guess_behind(image, streak, grow)
-    warnings.warn(
+    bm.errors.warn(
         "what is behind the object is a guess from its surroundings, "
-        f"within {guess.error:.2g} of white",
-        bm.errors.BlurmatteWarning,
-        stacklevel=2,
+        f"within {guess.error:.2g} of white"
     )
     return guess
 
@@ -261,10 +258,8 @@ class Selection:
             return within
         found = bm.streaks.find_streak_within(within, image, plate)
         if found is within:
-            warnings.warn(
-                f"no motion is found in --region {self.region}; all of it is taken for the streak",
-                bm.errors.BlurmatteWarning,
-                stacklevel=2,
+            bm.errors.warn(
+                f"no motion is found in --region {self.region}; all of it is taken for the streak"
             )
         return found
 
@@ -380,9 +375,7 @@ def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Fra
         span = span if known is None else f"; they are numbered {known[0]} to {known[-1]}"
         raise ValueError(f"--frames selects no frame{span}; check its numbers")
     if "s" in (text or "") and first * (frames.rate or 0) > 1:
-        warnings.warn(
-            f"its first frame is at {first:.4g} s; the seconds of --frames are those of the file",
-            bm.errors.BlurmatteWarning,
-            stacklevel=2,
+        bm.errors.warn(
+            f"its first frame is at {first:.4g} s; the seconds of --frames are those of the file"
         )
     return chosen

@@ -1,6 +1,5 @@
 """Sharp: an object as it was at any moment of the exposure, and `deblur`, which finds it."""
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
@@ -20,7 +19,7 @@ from blurmatte.deblurring.revise import revised
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_fit import likelier_spin
 from blurmatte.deblurring.view import View, check_pictures_of
-from blurmatte.errors import BlurmatteWarning, MotionError
+from blurmatte.errors import MotionError, warn
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
 from blurmatte.notebook import Displayed
@@ -328,7 +327,7 @@ def _warn_if_doubtful(sharp: Sharp, doubt: str) -> None:
         )
     reasons += [f"the spin of the ball is not certain: {doubt}"] * bool(doubt)
     for reason in reasons:
-        warnings.warn(reason, BlurmatteWarning, stacklevel=3)
+        warn(reason)
 
 
 def _affordable(views: Sequence[View]) -> Lattice | Sphere:

@@ -4,7 +4,6 @@ Numbers of curves, primaries and matrices are those of ITU-T H.273. FFmpeg conve
 by the matrix and range of the stream; here R'G'B' becomes light with the primaries of sRGB.
 """
 
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools, Box, Floats, Floats32
-from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
+from blurmatte.errors import FileError, TransferWarning, warn
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
     check_progressive,
@@ -69,7 +68,7 @@ class Clip:
         return (0.0, std) if self.orientation.transposed else (std, 0.0)
 
 
-def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel: int) -> Clip:
+def open_clip(path: Path, transfer: Transfer | None, max_pixels: int) -> Clip:
     """Read the properties of a clip and decode its first frames.
 
     Raises FileError if it cannot be read, has no video, or its geometry or encoding of light is not
@@ -85,23 +84,17 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         )
         videos = videos_of(container)
         if len(videos) > 1:
-            warnings.warn(
+            warn(
                 f"{path}: extract another one if that is meant; it holds {len(videos)} videos, and "
-                f"number {videos.index(stream) + 1} is read",
-                BlurmatteWarning,
-                stacklevel=stacklevel + 1,
+                f"number {videos.index(stream) + 1} is read"
             )
         decoder = _decoder_with_alpha(path, stream)
-        timing = timing_of(
-            path, container, stream, partial(_all_decoded, path, decoder), stacklevel + 1
-        )
+        timing = timing_of(path, container, stream, partial(_all_decoded, path, decoder))
     with opened(path) as (container, stream):
         first = next(decoded_packets(container, stream, decoder))
         check_progressive(path, first, stream.codec_context.field_order)
         orientation = orientation_of(path, first)
-        encoding = Profile(
-            (_curve(path, first, transfer, stacklevel + 1),) * 3, _matrix(path, first)
-        )
+        encoding = Profile((_curve(path, first, transfer),) * 3, _matrix(path, first))
         bits = max(part.bits for part in first.format.components)
         return Clip(
             path=path,
@@ -193,11 +186,9 @@ def sited_by(clip: Clip, plate: LinearImage | None, number: int) -> Clip:
             pair = (_chroma(clip, light) for light in (frame.rgb, shown))
             clip = replace(clip, siting=siting_against(*pair) or clip.siting)
     if not clip.siting:
-        warnings.warn(
+        warn(
             "neither the file nor edges of the scene show where its subsampled chroma lies: all places "
-            f"may be up to {MAX_CHROMA_SHIFT_PX:g} px off alike, to one side",
-            BlurmatteWarning,
-            stacklevel=3,
+            f"may be up to {MAX_CHROMA_SHIFT_PX:g} px off alike, to one side"
         )
     return clip
 
@@ -343,11 +334,9 @@ def _decoded(clip: Clip, numbers: range, keep_open: bool = False) -> Iterator[tu
         else:
             yield number, _checked(clip, number, frame)
     if missing > 0:
-        warnings.warn(
+        warn(
             f"{clip.path}: copy or export it again; {missing} of {clip.timing.count} frames cannot be "
-            "decoded",
-            BlurmatteWarning,
-            stacklevel=3,
+            "decoded"
         )
 
 
@@ -428,7 +417,7 @@ def _clipped_from(clip: Clip) -> int:
     return clip.white - (clip.white >> (clip.bits + 1))  # less half a step of the file's bits
 
 
-def _curve(path: Path, frame: Any, transfer: Transfer | None, stacklevel: int) -> Transfer:
+def _curve(path: Path, frame: Any, transfer: Transfer | None) -> Transfer:
     stated = int(frame.color_trc)
     if transfer is not None:
         return transfer
@@ -439,11 +428,10 @@ def _curve(path: Path, frame: Any, transfer: Transfer | None, stacklevel: int) -
             f"{path}: its curve (number {stated} of H.273) is not supported; name that of the camera "
             "with transfer= (--transfer), such as slog3, or convert the clip to BT.709"
         )
-    warnings.warn(
+    warn(
         f"{path}: the clip does not state how its code values encode light, and they are taken as "
         "Rec. 709; if that is right, pass transfer=REC709 (--transfer rec709)",
         TransferWarning,
-        stacklevel=stacklevel + 1,
     )
     return REC709
 

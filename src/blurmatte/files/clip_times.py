@@ -7,7 +7,6 @@ identifies a frame; otherwise the clip is decoded once, and stamps are those of 
 """
 
 import re
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -18,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array
-from blurmatte.errors import BlurmatteWarning, FileError
+from blurmatte.errors import FileError, warn
 
 _MIN_MISSING_FRAMES = 2  # durations are rounded
 _MIN_MISSING_FRACTION = 0.02
@@ -75,7 +74,7 @@ class Timing:
 
 
 def timing_of(
-    path: Path, container: Any, stream: Any, decoded: Callable[[], Iterator[Any]], stacklevel: int
+    path: Path, container: Any, stream: Any, decoded: Callable[[], Iterator[Any]]
 ) -> Timing:
     """Read all packets of a clip. Stamps within a tick of a constant rate are taken as exact.
 
@@ -90,7 +89,7 @@ def timing_of(
 
     packets = _packets(container, stream)
     rate = float(stream.average_rate) if stream.average_rate else None
-    _warn_if_truncated(path, container, stream, packets, stacklevel + 1)
+    _warn_if_truncated(path, container, stream, packets)
     stamps = packets.stamps
     first = next(decoded(), None)
     if first is None:
@@ -107,7 +106,7 @@ def timing_of(
         if len(packets.keys) and np.all(np.diff(stamps) > 0):
             # Some decoders invent what the frames before a key frame refer to.
             stamps = stamps[stamps >= packets.keys[0]]
-        _warn_of_lost(path, packets, stamps, float(stream.time_base), stacklevel + 1)
+        _warn_of_lost(path, packets, stamps, float(stream.time_base))
     lost = 0 if packets.hidden else packets.count - len(stamps)
     count, stamps = len(stamps), stamps[stamps != _NO_STAMP]
     none = np.empty(0, np.int64)
@@ -120,10 +119,10 @@ def timing_of(
         keys = np.flatnonzero(np.isin(stamps, packets.keys))
         timing = Timing(count, rate, rate, stamps, seconds, keys, lost)
     else:
-        _warn_of_order(path, stamps, stacklevel + 1)
+        _warn_of_order(path, stamps)
         seconds, constant = _on_grid(_continued(stamps), stream)
         timing = Timing(count, rate, rate, none, seconds, none, lost)
-    return _as_captured(path, timing, _capture_rate(container, stream), constant, stacklevel + 1)
+    return _as_captured(path, timing, _capture_rate(container, stream), constant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,25 +205,21 @@ def _continued(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     return np.asarray(stamps[0] + np.rint(spread), np.int64)
 
 
-def _warn_if_truncated(
-    path: Path, container: Any, stream: Any, packets: _Packets, stacklevel: int
-) -> None:
+def _warn_if_truncated(path: Path, container: Any, stream: Any, packets: _Packets) -> None:
     """Warn if the file states that it is longer."""
     rate = float(stream.average_rate or 0)
     missing = packets.partial + _missing_at_end(container, stream, packets.ends, rate)
     if "mp4" not in container.format.name:  # whose edit lists hide frames
         missing = max(missing, stream.frames - packets.count)
     if missing >= max(_MIN_MISSING_FRAMES, _MIN_MISSING_FRACTION * packets.count):
-        warnings.warn(
+        warn(
             f"{path}: copy or export it again if it should be complete; "
-            f"it ends after about {packets.count} of {packets.count + missing} frames",
-            BlurmatteWarning,
-            stacklevel=stacklevel + 1,
+            f"it ends after about {packets.count} of {packets.count + missing} frames"
         )
 
 
 def _warn_of_lost(
-    path: Path, packets: _Packets, stamps: npt.NDArray[np.int64], tick: float, stacklevel: int
+    path: Path, packets: _Packets, stamps: npt.NDArray[np.int64], tick: float
 ) -> None:
     """Warn of packets whose frames cannot be decoded."""
     lost = packets.count - len(stamps)
@@ -234,15 +229,13 @@ def _warn_of_lost(
     span = f" ({at[0]:.4g} s to {at[-1]:.4g} s)" if len(at) == lost else ""
     begins = len(at) == lost and at[-1] < stamps.min() * tick
     why = "no key frame is before them" if begins else "a key frame is missing, or they are damaged"
-    warnings.warn(
+    warn(
         f"{path}: cut it at a key frame, or export it again; {lost} of {packets.count} frames"
-        f"{span} cannot be decoded ({why}), and the others are numbered from 0 without them",
-        BlurmatteWarning,
-        stacklevel=stacklevel + 1,
+        f"{span} cannot be decoded ({why}), and the others are numbered from 0 without them"
     )
 
 
-def _warn_of_order(path: Path, stamps: npt.NDArray[np.int64], stacklevel: int) -> None:
+def _warn_of_order(path: Path, stamps: npt.NDArray[np.int64]) -> None:
     """Warn of time stamps that go back or repeat."""
     steps = np.diff(stamps)
     joined = "each continues from the frame before; cut the clip there if it was joined"
@@ -253,11 +246,7 @@ def _warn_of_order(path: Path, stamps: npt.NDArray[np.int64], stacklevel: int) -
     for where, what, then in kinds:
         if (at := np.flatnonzero(where) + 1).size:
             listed = ", ".join(map(str, at[:_MAX_LISTED])) + (" …" if len(at) > _MAX_LISTED else "")
-            warnings.warn(
-                f"{path}: its time stamps {what} at frame {listed}: {then}",
-                BlurmatteWarning,
-                stacklevel=stacklevel + 1,
-            )
+            warn(f"{path}: its time stamps {what} at frame {listed}: {then}")
 
 
 def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], rate: float) -> int:
@@ -309,7 +298,6 @@ def _as_captured(
     timing: Timing,
     stated: tuple[str, float] | None,
     constant: bool,
-    stacklevel: int,
 ) -> Timing:
     """The times of the capture, if it was at another rate and both are constant."""
     if stated is None or len(timing.seconds) < 2:
@@ -324,10 +312,8 @@ def _as_captured(
         if constant
         else "times are as played, not at one rate; cut out a part of one rate, and pass its true rate="
     )
-    warnings.warn(
-        f"{path}: taken at {rate:.4g} frames per second ({name}), played at {played:.4g}: {advice}",
-        BlurmatteWarning,
-        stacklevel=stacklevel + 1,
+    warn(
+        f"{path}: taken at {rate:.4g} frames per second ({name}), played at {played:.4g}: {advice}"
     )
     if not constant:
         return timing

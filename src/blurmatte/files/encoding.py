@@ -5,7 +5,6 @@ chunks, the color box of AVIF and HEIC, the attributes of an EXR, EXIF. The call
 the curves. Otherwise floats are linear, and integers are taken as sRGB with a warning.
 """
 
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, Floats
-from blurmatte.errors import FileError, TransferWarning
+from blurmatte.errors import FileError, TransferWarning, warn
 from blurmatte.files.icc import (
     ADOBE_RGB,
     CICP_PRIMARIES,
@@ -57,7 +56,7 @@ def icc_profile(raster: Raster) -> bytes | None:
     return np.asarray(profile, dtype=np.uint8).tobytes()
 
 
-def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> Profile | None:
+def encoding_of(raster: Raster, transfer: Transfer | None) -> Profile | None:
     """The curves and the primaries of a file; None for floats that are linear light of sRGB.
 
     A `transfer` from the caller replaces the curves that the file states, not its primaries.
@@ -73,11 +72,10 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
     if given is None and raster.levels is None:
         return None if matrix is None else Profile((LINEAR,) * 3, matrix)
     if given is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
-        warnings.warn(
+        warn(
             f"{raster.path}: the file has no color profile, and its code values are taken as sRGB; "
             "if that is right, pass transfer=SRGB (--transfer srgb)",
             TransferWarning,
-            stacklevel=stacklevel + 1,
         )
         return Profile(_ASSUMED.curves, matrix, assumed=True)
     return Profile(given or _ASSUMED.curves, matrix)

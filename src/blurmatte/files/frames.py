@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Generic, TypeVar, overload
 import numpy as np
 
 from blurmatte.checks import Codes8, as_array, check_kind, check_not_negative, check_positive
-from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
+from blurmatte.errors import FileError, TransferWarning, warn
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
 from blurmatte.files.clip_reading import (
@@ -128,11 +128,9 @@ class Frames(Sequence[Frame]):
         known = self.picture_numbers or (0,)
         if missing := list(islice(missing_numbers(known), 6)):
             listed = ", ".join(map(str, missing[:5])) + (" …" if len(missing) > 5 else "")
-            warnings.warn(
+            warn(
                 f"add the missing pictures if you have them: {listed} of {known[0]} to {known[-1]} are "
-                "missing, and times follow the numbers in the names",
-                BlurmatteWarning,
-                stacklevel=2,
+                "missing, and times follow the numbers in the names"
             )
         if self.clip is None or not self.numbers:
             return self
@@ -364,7 +362,7 @@ def _frames(
         "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
     )
     if len(paths) == 1 and is_clip(paths[0]):
-        clip = open_clip(paths[0], transfer, max_pixels, stacklevel=3)
+        clip = open_clip(paths[0], transfer, max_pixels)
         if decode is decode_layers and not clip.alpha:
             raise FileError(
                 f"{clip.path}: give a .mov of ProRes 4444 with alpha, or a sequence of EXR or PNG; "
@@ -419,7 +417,7 @@ def _read(
         frame = read_one(path, curve, max_pixels)
     for one in caught:
         if not (issubclass(one.category, TransferWarning) and warned):
-            warnings.warn(one.message, one.category, stacklevel=4)
+            warn(str(one.message), one.category)
         if issubclass(one.category, TransferWarning):
             warned.append(one.message)
     return frame

@@ -5,7 +5,6 @@ In a JPEG all code values would change with each compression, so its unchanged b
 coefficients instead.
 """
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, check_map, check_same_size
-from blurmatte.errors import BlurmatteWarning, FileError
+from blurmatte.errors import FileError, warn
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
 from blurmatte.files.errors import format_of
@@ -114,11 +113,9 @@ def _warn_of_further_pictures(target: Path, source: Path) -> None:
     if format_of(source) is not JPEG:
         return
     if others := further_pictures(metadata_segments(source.read_bytes())):
-        warnings.warn(
+        warn(
             f"{target}: without the {' and the '.join(others)} of {source.name}, which would show "
-            "the old picture",
-            BlurmatteWarning,
-            stacklevel=4,
+            "the old picture"
         )
 
 
@@ -160,7 +157,7 @@ def _save_pixels(target: Path, raster: Raster, upright: npt.NDArray[Any], change
 def _light(
     raster: Raster, picture: LinearImage, changed: Bools, transfer: Transfer | None
 ) -> LinearImage:
-    before = light_of(raster, transfer, stacklevel=3).in_srgb()
+    before = light_of(raster, transfer).in_srgb()
     return LinearImage(
         np.where(changed[..., None], picture.in_srgb().rgb, before.rgb),
         valid=np.where(changed, picture.valid, before.valid),
@@ -172,7 +169,7 @@ def _pixels(
     raster: Raster, picture: LinearImage, changed: Bools, transfer: Transfer | None
 ) -> npt.NDArray[Any]:
     """All channels of the file, upright, with the changed light encoded."""
-    encoding = encoding_of(raster, transfer, stacklevel=3)
+    encoding = encoding_of(raster, transfer)
     values = from_light(picture.in_srgb().rgb[changed], encoding)
     if raster.levels is not None:
         values = np.rint(np.clip(values, 0, 1) * (raster.levels - 1))

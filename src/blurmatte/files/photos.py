@@ -5,7 +5,6 @@ They are lossy, in most files with subsampled chroma. How they quantize is not r
 
 import io
 import struct
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.errors import BlurmatteWarning, FileError
+from blurmatte.errors import FileError, warn
 from blurmatte.files.errors import check_size, damaged
 from blurmatte.files.exif import EXIF_MARK
 from blurmatte.files.icc import H273
@@ -92,11 +91,9 @@ def _opened_heic(path: Path, content: bytes) -> Any:
         ) from error
     images = pillow_heif.open_heif(content, convert_hdr_to_8bit=False, hdr_to_16bit=False)
     if len(images) > 1:
-        warnings.warn(
+        warn(
             f"{path}: export another one if that is meant; it holds {len(images)} pictures, and the "
-            "main one is read",
-            BlurmatteWarning,
-            stacklevel=2,
+            "main one is read"
         )
     source = images[images.primary_index]
     pillow_heif.set_orientation(source.info)  # libheif has turned the picture

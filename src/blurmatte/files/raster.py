@@ -7,7 +7,6 @@ import math
 import mmap
 import re
 import struct
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats32
-from blurmatte.errors import BlurmatteWarning, FileError
+from blurmatte.errors import FileError, warn
 from blurmatte.files import fits
 from blurmatte.files.errors import (
     check_format,
@@ -267,11 +266,9 @@ def _main_page(path: Path, source: Any) -> int:
             "can be read"
         )
     if len(full) > 1:
-        warnings.warn(
+        warn(
             f"{path}: save the page that is wanted as a file of its own; "
-            f"page {full[0] + 1} of {len(pages)} is read",
-            BlurmatteWarning,
-            stacklevel=2,
+            f"page {full[0] + 1} of {len(pages)} is read"
         )
     source.seek_subimage(full[0], 0)
     return full[0]

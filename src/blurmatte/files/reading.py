@@ -83,12 +83,12 @@ def read(
                 f"not {transfer.name}"
             )
         return read_raw(path, max_pixels)
-    return light_of(load(path, max_pixels), transfer, stacklevel=2)
+    return light_of(load(path, max_pixels), transfer)
 
 
-def light_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> LinearImage:
+def light_of(raster: Raster, transfer: Transfer | None) -> LinearImage:
     """The linear light of the numbers of a file; see `read`."""
-    encoding = encoding_of(raster, transfer, stacklevel + 1)
+    encoding = encoding_of(raster, transfer)
     image = _decoded(raster, encoding)
     valid = image.valid & raster.inside
     if raster.alpha is not None:
@@ -132,7 +132,7 @@ def read_layer(
         raise FileError(
             f"{path}: give an EXR, PNG or TIFF with alpha; the file has no alpha and is no layer"
         )
-    encoding = encoding_of(raster, transfer, stacklevel=2)
+    encoding = encoding_of(raster, transfer)
     light = _premultiplied(raster, alpha, encoding)
     _check_finite(raster.path, light, alpha)
     if raster.associated and _is_linear(raster, encoding):

@@ -3,12 +3,10 @@
 In this file C is the image's light and B the plate's.
 """
 
-import warnings
-
 import numpy as np
 
 from blurmatte.checks import rows_columns
-from blurmatte.errors import PlateWarning
+from blurmatte.errors import PlateWarning, warn
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_1
 from blurmatte.streaks import Streak
@@ -20,22 +18,20 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
     The PlateWarning is one line with the difference and what to do.
     """
     if _looks_swapped(image, plate, streak):
-        warnings.warn(
+        warn(
             "image and plate look swapped: the plate's texture is fainter than the image's where "
             "something moved; the plate is the picture without the object",
             PlateWarning,
-            stacklevel=3,
         )
     gain = _brightness_around(image, plate, streak)
     if np.max(np.abs(gain)) > 0.01:  # alpha would be scaled by several percent
         said = ", ".join(
             f"{g:+.1%} in {name}" for g, name in zip(gain, ("R", "G", "B"), strict=True)
         )
-        warnings.warn(
+        warn(
             f"around the streak the image's brightness differs from the plate's by {said}: alpha and "
             "its sum will be off by several times that; use a plate of the same exposure and light",
             PlateWarning,
-            stacklevel=3,
         )
 
 

@@ -7,7 +7,6 @@ fine. Where the image's file has subsampled chroma, its blur is corrected with a
 and the fit is repeated.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -17,7 +16,7 @@ import scipy
 
 from blurmatte.checks import Bools, Box, Floats, rows_columns
 from blurmatte.color.shadow_test import MARGIN_PX
-from blurmatte.errors import ConvergenceWarning
+from blurmatte.errors import ConvergenceWarning, warn
 from blurmatte.matting.averaging import as_fraction
 from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.evidence import (
@@ -299,11 +298,10 @@ def _box(case: Case) -> Box:
 
 def _warn_unless_converged(field: Field) -> None:
     if not field.converged:
-        warnings.warn(
+        warn(
             f"alpha had not converged after {field.steps} steps and is that of the last one; choose "
             "a smaller region, or less strength",
             ConvergenceWarning,
-            stacklevel=4,
         )
 
 
