@@ -21,6 +21,7 @@ Bad *pixels* never raise; they are marked in `Solution.quality`.
 
 import sys
 import warnings
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -202,3 +203,11 @@ def warn(message: str, category: type[Warning] = BlurmatteWarning) -> None:
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def optional_library(name: str, needed: str, error: type[BlurmatteError] = BlurmatteError) -> Any:
+    """A module of a library that only some users have; the error says what is `needed`."""
+    try:
+        return import_module(name)
+    except ImportError as cause:
+        raise error(needed) from cause

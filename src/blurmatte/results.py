@@ -13,7 +13,6 @@ report.json   model, evidence, errors, noise, versions
 
 import platform
 from collections.abc import Mapping, Sequence
-from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ import numpy as np
 from blurmatte.background import ParallaxRegion, PlateFit
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.errors import BlurmatteError
+from blurmatte.errors import optional_library
 from blurmatte.explain.explain import explain
 from blurmatte.explain.grade import alpha_peak
 from blurmatte.figures import (
@@ -323,7 +322,7 @@ def to_table(rows: Sequence[TableRow | Mapping[str, Any]]) -> Any:
     >>> table.attrs["units"]["x"]  # doctest: +SKIP
     'px'
     """
-    pandas = _package("pandas", "to_table makes a table of pandas")
+    pandas = optional_library("pandas", "pip install pandas; to_table makes a table of pandas")
     units: dict[str, str] = {}
     flat = []
     for row in rows:
@@ -378,7 +377,9 @@ def to_xarray(thing: LinearImage | Layer | Solution) -> Any:
             raise TypeError(
                 f"thing must be a LinearImage, a Layer or a Solution, got {type(thing).__name__}"
             )
-    xarray = _package("xarray", "to_xarray makes labeled arrays of xarray")
+    xarray = optional_library(
+        "xarray", "pip install xarray; to_xarray makes labeled arrays of xarray"
+    )
     width, height = thing.size
     labels = {"y": np.arange(height), "x": np.arange(width), "channel": _CHANNELS}
     arrays = {
@@ -389,11 +390,3 @@ def to_xarray(thing: LinearImage | Layer | Solution) -> Any:
     for axis in ("y", "x"):
         dataset[axis].attrs["units"] = "px"
     return dataset
-
-
-def _package(name: str, reason: str) -> Any:
-    """A package that is imported when it is needed."""
-    try:
-        return import_module(name)
-    except ImportError as error:
-        raise BlurmatteError(f"pip install {name}; {reason}") from error

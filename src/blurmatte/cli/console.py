@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import re
 import shutil
 import sys
@@ -161,8 +160,10 @@ def say(text: str) -> None:
 
 def say_json(value: Any, indent: int | None = 2) -> None:
     """Print an answer as JSON; null stands for what is not finite."""
+    from blurmatte.files.documents import plain  # not for --help
+
     whole = (sys.stdout.encoding or "").lower().startswith("utf")  # else letters are escaped
-    say(json.dumps(_plain(value), indent=indent, ensure_ascii=not whole))
+    say(json.dumps(plain(value), indent=indent, ensure_ascii=not whole))
 
 
 def answer(as_json: bool, numbers: Any, lines: Iterable[object]) -> None:
@@ -171,19 +172,6 @@ def answer(as_json: bool, numbers: Any, lines: Iterable[object]) -> None:
         say_json(numbers)
     else:
         say("\n".join(map(str, lines)))
-
-
-def _plain(value: Any) -> Any:
-    """The same in JSON's types."""
-    if isinstance(value, dict):
-        return {str(name): _plain(part) for name, part in value.items()}
-    if hasattr(value, "tolist"):  # NumPy's, which --help does not import
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    if isinstance(value, Path):
-        return str(value)
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def swatches(model: bm.ColorModel) -> list[str]:

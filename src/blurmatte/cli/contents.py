@@ -140,10 +140,8 @@ def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
 def _layer(path: Path, reading: Reading) -> bm.Layer | None:
     """The layer in a picture file, if it has an alpha that is not 1 everywhere."""
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter(
-                "ignore", bm.errors.TransferWarning
-            )  # reading the picture said it
+        # Reading the picture said it.
+        with warnings.catch_warnings(action="ignore", category=bm.errors.TransferWarning):
             layer = bm.read_layer(path, reading.curve_of(path), reading.max_pixels)
     except bm.errors.FileError:
         return None

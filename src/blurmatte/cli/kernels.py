@@ -54,8 +54,7 @@ def compile_kernels() -> None:
 
 def _quietly(work: Callable[[], None]) -> None:
     """Do it; what is wrong with its small pictures is not said."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", bm.errors.BlurmatteWarning)
+    with warnings.catch_warnings(action="ignore", category=bm.errors.BlurmatteWarning):
         work()
 
 

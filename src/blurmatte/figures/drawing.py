@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, Codes8, Floats
-from blurmatte.errors import BlurmatteError
+from blurmatte.errors import optional_library
 from blurmatte.radiometry import SRGB, LinearImage
 
 Color = tuple[int, int, int]
@@ -123,11 +123,8 @@ def round_up(value: float) -> float:
 
 def plot_library() -> Any:
     """The class of figures of matplotlib; raises BlurmatteError if that is not installed."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise BlurmatteError('a plot needs matplotlib: pip install "blurmatte[plot]"') from error
-    return Figure
+    needed = 'a plot needs matplotlib: pip install "blurmatte[plot]"'
+    return optional_library("matplotlib.figure", needed).Figure
 
 
 def new_figure(size: tuple[float, float], dpi: int) -> Any:

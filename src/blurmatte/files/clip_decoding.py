@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-from blurmatte.errors import FileError
+from blurmatte.errors import FileError, optional_library
 from blurmatte.files.clip_times import Timing
 from blurmatte.files.errors import check_exists, not_read, plain_name
 from blurmatte.formats import Holds, format_at
@@ -262,10 +262,5 @@ def video_library(path: Path) -> Any:
     FileError
         If it is not installed.
     """
-    try:
-        import av
-    except ImportError as error:
-        raise FileError(
-            f'{path}: pip install "blurmatte[video]", or use pictures; clips need PyAV'
-        ) from error
-    return av
+    needed = f'{path}: pip install "blurmatte[video]", or use pictures; clips need PyAV'
+    return optional_library("av", needed, FileError)

@@ -261,19 +261,16 @@ def _coded(clip: Clip, table: Floats32, number: int, frame: Any) -> CodedFrame:
     return CodedFrame(number, time, planes, zero_of(same), 1.0, light_of, size, rgb_codes)
 
 
+@dataclass(eq=False)
 class _LightOf:
     """Light of boxes of a `VideoFrame`, of which only R'G'B' codes are kept once it is asked for."""
 
-    def __init__(
-        self,
-        clip: Clip,
-        table: Floats32,
-        number: int,
-        time: float | None,
-        frame: Any,
-    ) -> None:
-        self.clip, self.table, self.number, self.time = clip, table, number, time
-        self.frame, self.codes = frame, np.empty((0, 0, 3), np.uint8)
+    clip: Clip
+    table: Floats32
+    number: int
+    time: float | None
+    frame: Any
+    codes: npt.NDArray[Any] | None = None
 
     def __call__(self, box: Box, every: int) -> LinearImage:
         x0, y0, x1, y1 = box
@@ -282,7 +279,7 @@ class _LightOf:
 
     def rgb_codes(self) -> RgbCodes:
         """The code values of the frame, which are kept."""
-        if self.frame is not None:
+        if self.codes is None:
             self.codes, self.frame = _codes(self.clip, self.frame), None
         return RgbCodes(self.codes, self.table, _clipped_from(self.clip))
 

@@ -287,6 +287,8 @@ def plain(value: Any) -> Any:
             return {str(name): plain(part) for name, part in value.items()}
         case list() | tuple():
             return [plain(part) for part in value]
+        case Path():
+            return plain(str(value))
         case float() if not math.isfinite(value):
             return None
         case str():  # file names may hold bytes that are not text

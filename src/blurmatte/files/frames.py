@@ -412,8 +412,7 @@ def _read(
 ) -> Frame:
     """One picture of a sequence; an assumed curve is warned of once, then `warned` is not empty."""
     curve = None if format_at(path) is EXR else transfer  # EXRs hold light
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with warnings.catch_warnings(record=True, action="always") as caught:
         frame = read_one(path, curve, max_pixels)
     for one in caught:
         if not (issubclass(one.category, TransferWarning) and warned):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.errors import FileError, warn
+from blurmatte.errors import FileError, optional_library, warn
 from blurmatte.files.errors import check_size, damaged
 from blurmatte.files.exif import EXIF_MARK
 from blurmatte.files.icc import H273
@@ -82,13 +82,9 @@ def _opened(path: Path, form: Format, content: bytes) -> Any:
 
 
 def _opened_heic(path: Path, content: bytes) -> Any:
-    try:
-        import pillow_heif
-    except ImportError as error:
-        raise FileError(
-            f'{path}: pip install "blurmatte[heic]", or export it as PNG or JPEG; HEIC needs '
-            "pillow-heif"
-        ) from error
+    install = 'pip install "blurmatte[heic]", or export it as PNG or JPEG'
+    needed = f"{path}: {install}; HEIC needs pillow-heif"
+    pillow_heif = optional_library("pillow_heif", needed, FileError)
     images = pillow_heif.open_heif(content, convert_hdr_to_8bit=False, hdr_to_16bit=False)
     if len(images) > 1:
         warn(

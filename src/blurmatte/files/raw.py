@@ -22,7 +22,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats
-from blurmatte.errors import FileError
+from blurmatte.errors import FileError, optional_library
 from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.exif import TiffTag
 from blurmatte.formats import MAX_PIXELS
@@ -70,7 +70,8 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
 
     Raises FileError if the extra is not installed, or the file holds no usable light.
     """
-    rawpy = _library(path)
+    needed = f'{path}: pip install "blurmatte[raw]"; camera RAW needs rawpy'
+    rawpy = optional_library("rawpy", needed, FileError)
     directories = _directories(path)
     for tags in directories:
         # A mosaic or linear RAW, whose sample format is floating point.
@@ -94,14 +95,6 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
             f"{path}: copy it again, or {_CONVERT}; the RAW is damaged or truncated "
             f"({_reason(error)})"
         ) from error
-
-
-def _library(path: Path) -> Any:
-    try:
-        import rawpy
-    except ImportError as error:
-        raise FileError(f'{path}: pip install "blurmatte[raw]"; camera RAW needs rawpy') from error
-    return rawpy
 
 
 def _reason(error: Exception) -> str:
@@ -289,8 +282,7 @@ def _directories(path: Path) -> list[Tags]:
 
     found: list[Tags] = []
     try:
-        with path.open("rb") as file, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with path.open("rb") as file, warnings.catch_warnings(action="ignore"):
             head = file.read(8)
             # Olympus and Panasonic use other letters after the byte order.
             head = {b"II": b"II*\0", b"MM": b"MM\0*"}.get(head[:2], b"") + head[4:]

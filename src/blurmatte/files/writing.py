@@ -13,7 +13,7 @@ import numpy.typing as npt
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.checks import Codes8, Floats, as_array
 from blurmatte.color.model import ColorModel
-from blurmatte.errors import FileError
+from blurmatte.errors import FileError, optional_library
 from blurmatte.files.atomic import ending_of, moved_together, replacing
 from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.exr import exr_parts
@@ -264,10 +264,8 @@ def _save_text(path: Path, text: str) -> None:
 
 def require_parquet() -> None:
     """Raise FileError if pyarrow is not installed, before hours of work."""
-    try:
-        import pyarrow.parquet  # noqa: F401
-    except ImportError as error:
-        raise FileError('pip install "blurmatte[tables]"; .parquet needs pyarrow') from error
+    needed = 'pip install "blurmatte[tables]"; .parquet needs pyarrow'
+    optional_library("pyarrow.parquet", needed, FileError)
 
 
 def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, Floats, check_kind
-from blurmatte.errors import BlurmatteError
+from blurmatte.errors import optional_library
 
 Curve = Callable[[Any], Any]
 
@@ -261,12 +261,8 @@ def log_curve(name: str) -> Transfer:
 
     Raises BlurmatteError if OpenColorIO is not installed.
     """
-    try:
-        import PyOpenColorIO as ocio
-    except ImportError as error:
-        raise BlurmatteError(
-            f'the curve {name} comes from OpenColorIO: pip install "blurmatte[ocio]"'
-        ) from error
+    needed = f'the curve {name} comes from OpenColorIO: pip install "blurmatte[ocio]"'
+    ocio = optional_library("PyOpenColorIO", needed)
     config = ocio.Config.CreateFromBuiltinConfig(_CONFIG)
     transform = config.getNamedTransform(LOG_CURVES[name])
     processor = config.getProcessor(transform, ocio.TRANSFORM_DIR_FORWARD)

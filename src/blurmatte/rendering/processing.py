@@ -28,7 +28,7 @@ from blurmatte.checks import (
     check_not_negative,
     check_positive,
 )
-from blurmatte.errors import BlurmatteError
+from blurmatte.errors import optional_library
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, YCBCR, NoiseModel, Transfer
 from blurmatte.radiometry.coded import rec709_converter
 from blurmatte.radiometry.sensor import demosaic, tiled
@@ -325,10 +325,5 @@ def _decoded(file: bytes) -> list[Codes8]:
 
 
 def _video_library() -> Any:
-    try:
-        import av
-    except ImportError as error:
-        raise BlurmatteError(
-            "H.264 needs one package more: pip install 'blurmatte[video]'; or take a JPEG"
-        ) from error
-    return av
+    needed = "H.264 needs one package more: pip install 'blurmatte[video]'; or take a JPEG"
+    return optional_library("av", needed)

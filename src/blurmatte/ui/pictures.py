@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import warnings
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -17,7 +16,9 @@ from PIL import Image
 import blurmatte as bm
 from blurmatte.background.guess import guess_behind
 from blurmatte.checks import Bools, Floats
+from blurmatte.files.documents import plain
 from blurmatte.formats import is_clip
+from blurmatte.radiometry.transfer import hex_of_light
 
 T = TypeVar("T")
 
@@ -76,15 +77,14 @@ class ShownPictures:
     def answer(self, name: str, values: dict[str, Any]) -> tuple[bytes, dict[str, Any], str]:
         """The answer to a question: bytes, or numbers, or why there is none."""
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # the commands say them
+            with warnings.catch_warnings(action="ignore"):  # the commands say them
                 found = self._questions[name](**values)
         except (bm.BlurmatteError, ValueError, OSError, MemoryError) as error:
             return b"", {}, " ".join(str(error).split()) or repr(error)
         except Exception as error:
             why = f"a defect of blurmatte, {type(error).__name__}: {error}; please report it"
             return b"", {}, why
-        return (found, {}, "") if isinstance(found, bytes) else (b"", _plain(found), "")
+        return (found, {}, "") if isinstance(found, bytes) else (b"", plain(found), "")
 
     def _kept(self, key: Any, make: Callable[[], T], size: Callable[[T], int]) -> T:
         """A thing that is made once, and dropped when memory is needed for others."""
@@ -178,9 +178,8 @@ class ShownPictures:
             "count": int(valid.sum()),
             "light": mean.tolist(),
             "scatter": light.std(axis=0).tolist(),
+            "hex": hex_of_light(np.clip(mean, 0, 1)),
         }
-        shown = np.clip(bm.SRGB.encode(np.clip(mean, 0, 1)), 0, 1)
-        numbers["hex"] = "#" + "".join(f"{round(255 * float(c)):02x}" for c in shown)
         solution, layer = self._solution(path), self._layer_if_any(path)
         if solution is None and layer is not None:
             numbers["alpha"] = float(layer.alpha[y, x])
@@ -314,19 +313,6 @@ def _of_layer(layer: bm.Layer) -> dict[str, Any] | None:
         "brightest": layer.brightest,
         "peak": float(layer.alpha.max()),
     }
-
-
-def _plain(value: Any) -> Any:
-    """Numbers that the server reads without NumPy; None for what is not finite."""
-    if isinstance(value, dict):
-        return {name: _plain(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    if value is None or isinstance(value, bool | str):
-        return value
-    if isinstance(value, int):
-        return int(value)
-    return float(value) if math.isfinite(float(value)) else None
 
 
 def _bytes_of(picture: bm.LinearImage) -> int:
