@@ -166,7 +166,7 @@ def recognized(head: bytes, path: str | PathLike[str]) -> Format | None:
     A file whose content says nothing is what its extension says, unless content marks that format.
     """
     by_name = named(path)
-    found = next((f for f in FORMATS if f.content and _begins(f, head)), None)
+    found = next((f for f in FORMATS if f.content and re.match(f.content, head, re.DOTALL)), None)
     if found is TIFF and by_name is RAW:
         return RAW
     if found is MP4 and by_name is MOV:
@@ -196,10 +196,6 @@ def is_clip(path: str | PathLike[str]) -> bool:
     """Whether a file is a clip, or unknown: there are more kinds of clips than are listed here."""
     form = format_at(path) or named(path)
     return form is None or form.holds is Holds.CLIP
-
-
-def _begins(form: Format, head: bytes) -> bool:
-    return re.match(form.content, head, re.DOTALL) is not None
 
 
 def pictures_in(folder: Path) -> list[Path]:

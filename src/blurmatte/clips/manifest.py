@@ -131,7 +131,9 @@ class Manifest(Generic[Line]):
         self.finished.append(one)
         if self.file is not None and self.path is not None:
             with _reported(self.path):
-                text = json.dumps(asdict(one), ensure_ascii=False, default=_listed).encode()
+                text = json.dumps(
+                    asdict(one), ensure_ascii=False, default=np.ndarray.tolist
+                ).encode()
                 self.file.write(_checksum(text) + text + b"\n")
 
 
@@ -162,11 +164,6 @@ def opened_manifest(path: Path, key: str, kind: type[Line]) -> Iterator[Manifest
     finally:
         if not manifest.finished:
             path.unlink(missing_ok=True)
-
-
-def _listed(value: Any) -> Any:
-    """An array as nested lists."""
-    return value.tolist()
 
 
 def _head(key: str) -> bytes:

@@ -21,8 +21,8 @@ from blurmatte.explain.grade import (
 from blurmatte.explain.numbers import rounded_std, with_error
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.stats import MatchSummary, MedianNoise
-from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.matting.stats import MatchSummary
+from blurmatte.radiometry import LinearImage
 
 _MEDIUM_LIGHT = np.full(3, 0.2)  # of white, of which the noise is stated
 _AGAINST = {
@@ -56,7 +56,7 @@ def solution_in_words(solution: Solution) -> Iterator[str]:
     if stats.match is not None:
         yield _match(stats.match)
     said = [
-        f"{_noise_std(noise):.2g} in the {name}"
+        f"{np.sqrt(noise.variance(_MEDIUM_LIGHT).mean()):.2g} in the {name}"
         for name, noise in (("image", stats.image_noise), ("plate", stats.plate_noise))
         if noise is not None
     ]
@@ -119,10 +119,6 @@ def _match(match: MatchSummary) -> str:
         f"{what}; where nothing moved, they agree to {match.agreement:.2g} times their noise, at "
         f"edges to {match.edge_agreement:.2g}."
     )
-
-
-def _noise_std(noise: NoiseModel | MedianNoise) -> float:
-    return float(np.sqrt(noise.variance(_MEDIUM_LIGHT).mean()))
 
 
 def _flags(solution: Solution) -> str:

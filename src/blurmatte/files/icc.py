@@ -104,7 +104,9 @@ def parse_profile(data: bytes) -> Profile:
         needed = {b"kTRC"} if space == b"GRAY" else {b"rTRC", b"gTRC", b"bTRC", b"rXYZ", b"gXYZ"}
         if connection != b"XYZ " or not needed <= tags.keys():
             raise ProfileError("uses look-up tables")
-        return _gray(tags) if space == b"GRAY" else _rgb(tags)
+        if space == b"GRAY":
+            return Profile((_curve(tags[b"kTRC"]),) * 3, None)
+        return _rgb(tags)
     except (struct.error, KeyError, IndexError) as error:
         raise ProfileError("is damaged") from error
 
@@ -120,11 +122,6 @@ def _tags(data: bytes) -> dict[bytes, bytes]:
         raise ProfileError("is damaged")
     entries = (struct.unpack_from(">4sII", data, 132 + 12 * i) for i in range(count))
     return {name: data[start : start + length] for name, start, length in entries}
-
-
-def _gray(tags: Mapping[bytes, bytes]) -> Profile:
-    curve = _curve(tags[b"kTRC"])
-    return Profile((curve, curve, curve), None)
 
 
 def _rgb(tags: Mapping[bytes, bytes]) -> Profile:

@@ -87,7 +87,9 @@ class Metadata:
 def read_metadata(raster: Raster) -> Metadata:
     """The metadata of the file of a raster."""
     readers = {PNG: _read_png, JPEG: _read_jpeg, TIFF: _read_tiff}
-    return readers.get(raster.format, _read_others)(raster)
+    if raster.format in readers:
+        return readers[raster.format](raster)
+    return Metadata(icc_profile(raster), without_thumbnail(raster.exif), raster.xmp, None)
 
 
 def current_segments(segments: Iterable[bytes]) -> tuple[bytes, ...]:
@@ -247,10 +249,6 @@ def _read_tiff(raster: Raster) -> Metadata:
     return Metadata(
         icc_profile(raster), exif, xmp.data if isinstance(xmp, Tag) else b"", _dpi(kept)
     )
-
-
-def _read_others(raster: Raster) -> Metadata:
-    return Metadata(icc_profile(raster), without_thumbnail(raster.exif), raster.xmp, None)
 
 
 def _dpi(tags: Tags) -> tuple[float, float] | None:

@@ -11,9 +11,10 @@ Of rows without the object nothing is written. Errors have a place only in napar
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from itertools import pairwise
+from itertools import groupby, pairwise
+from operator import itemgetter
 from typing import Any
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 from blurmatte.files.documents import rows_to_csv
 from blurmatte.formats import KINOVEA, NAPARI, TRACKER, TRACKMATE
@@ -57,35 +58,38 @@ def _napari(rows: Rows) -> str:
 def _trackmate(rows: Rows) -> str:
     """A model of TrackMate: spots by frame, and edges between the spots of a track."""
     tracks = _seen(rows)
-    spots = [(row, number) for number, track in tracks.items() for row in track]
-    numbers = {id(row): k for k, (row, _) in enumerate(spots)}
-    frames: dict[int, list[str]] = {}
-    for k, (row, _) in enumerate(spots):
-        values: dict[str, object] = {"ID": k, "name": f"ID{k}", "QUALITY": 1.0}
-        values |= {"POSITION_X": row["x"], "POSITION_Y": row["y"], "POSITION_Z": 0.0}
-        values |= {"POSITION_T": row["frame"] if row["time"] is None else row["time"]}
-        values |= {"FRAME": row["frame"], "RADIUS": row["radius"], "VISIBILITY": 1}
-        frames.setdefault(row["frame"], []).append(_element("Spot", values))
-    timed = all(row["time"] is not None for row, _ in spots)
+    spots = [row for track in tracks.values() for row in track]
+    numbers = {id(row): k for k, row in enumerate(spots)}
+    timed = all(row["time"] is not None for row in spots)
+    root = Element("TrackMate", {"version": "7.11.1"})
     units = {"spatialunits": "pixel", "timeunits": "sec" if timed else "frame"}
-    lines = ['<?xml version="1.0" encoding="UTF-8"?>', '<TrackMate version="7.11.1">']
-    lines += [_element("Model", units, empty=False), _FEATURES]
-    lines += [_element("AllSpots", {"nspots": len(spots)}, empty=False)]
-    for frame in sorted(frames):
-        lines += [_element("SpotsInFrame", {"frame": frame}, empty=False), *frames[frame]]
-        lines.append("</SpotsInFrame>")
-    lines += ["</AllSpots>", "<AllTracks>"]
-    linked = {number: track for number, track in tracks.items() if len(track) > 1}
-    for number, track in linked.items():
-        name = {"name": f"Track_{number}", "TRACK_ID": number, "TRACK_INDEX": number}
-        lines.append(_element("Track", name, empty=False))
-        for a, b in pairwise(track):
-            ends = {"SPOT_SOURCE_ID": numbers[id(a)], "SPOT_TARGET_ID": numbers[id(b)]}
-            lines.append(_element("Edge", ends))
-        lines.append("</Track>")
-    lines += ["</AllTracks>", "<FilteredTracks>"]
-    lines += [_element("TrackID", {"TRACK_ID": number}) for number in linked]
-    return "\n".join([*lines, "</FilteredTracks>", "</Model>", "</TrackMate>\n"])
+    model = SubElement(root, "Model", units)
+    declared = SubElement(model, "FeatureDeclarations")
+    for kind, features in _FEATURES.items():
+        of_kind = SubElement(declared, kind)
+        for feature in features:
+            _add(of_kind, "Feature", dict(zip(_FEATURE, feature, strict=True)))
+    shown = _add(model, "AllSpots", {"nspots": len(spots)})
+    by_frame = itemgetter("frame")
+    for frame, seen in groupby(sorted(spots, key=by_frame), by_frame):
+        in_frame = _add(shown, "SpotsInFrame", {"frame": frame})
+        for row in seen:
+            k = numbers[id(row)]
+            values: dict[str, object] = {"ID": k, "name": f"ID{k}", "QUALITY": 1.0}
+            values |= {"POSITION_X": row["x"], "POSITION_Y": row["y"], "POSITION_Z": 0.0}
+            values |= {"POSITION_T": _time(row), "FRAME": frame}
+            _add(in_frame, "Spot", values | {"RADIUS": row["radius"], "VISIBILITY": 1})
+    linked, filtered = SubElement(model, "AllTracks"), SubElement(model, "FilteredTracks")
+    for number, track in tracks.items():
+        if len(track) > 1:
+            name = {"name": f"Track_{number}", "TRACK_ID": number, "TRACK_INDEX": number}
+            of_track = _add(linked, "Track", name)
+            for a, b in pairwise(track):
+                ends = {"SPOT_SOURCE_ID": numbers[id(a)], "SPOT_TARGET_ID": numbers[id(b)]}
+                _add(of_track, "Edge", ends)
+            _add(filtered, "TrackID", {"TRACK_ID": number})
+    indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, "unicode")}\n'
 
 
 def _kinovea(rows: Rows) -> str:
@@ -121,38 +125,29 @@ def _time(row: Mapping[str, Any]) -> Any:
     return row["frame"] if row["time"] is None else row["time"]
 
 
-def _element(name: str, values: Mapping[str, object], empty: bool = True) -> str:
-    """A tag of XML with its attributes."""
-    attributes = "".join(f" {key}={quoteattr(str(value))}" for key, value in values.items())
-    return f"<{name}{attributes}{' /' if empty else ''}>"
+def _add(parent: Element, tag: str, values: Mapping[str, object]) -> Element:
+    """A new element of XML with these attributes."""
+    return SubElement(parent, tag, {name: str(value) for name, value in values.items()})
 
 
-def _feature(name: str, title: str, short: str, dimension: str, whole: bool) -> str:
-    values = {"feature": name, "name": title, "shortname": short, "dimension": dimension}
-    return _element("Feature", values | {"isint": str(whole).lower()})
-
-
-_FEATURES = "\n".join(
-    [
-        "<FeatureDeclarations>",
-        "<SpotFeatures>",
-        _feature("QUALITY", "Quality", "Quality", "QUALITY", False),
-        _feature("POSITION_X", "X", "X", "POSITION", False),
-        _feature("POSITION_Y", "Y", "Y", "POSITION", False),
-        _feature("POSITION_Z", "Z", "Z", "POSITION", False),
-        _feature("POSITION_T", "T", "T", "TIME", False),
-        _feature("FRAME", "Frame", "Frame", "NONE", True),
-        _feature("RADIUS", "Radius", "R", "LENGTH", False),
-        _feature("VISIBILITY", "Visibility", "Visibility", "NONE", True),
-        "</SpotFeatures>",
-        "<EdgeFeatures>",
-        _feature("SPOT_SOURCE_ID", "Source spot ID", "Source ID", "NONE", True),
-        _feature("SPOT_TARGET_ID", "Target spot ID", "Target ID", "NONE", True),
-        "</EdgeFeatures>",
-        "<TrackFeatures>",
-        _feature("TRACK_ID", "Track ID", "ID", "NONE", True),
-        _feature("TRACK_INDEX", "Track index", "Index", "NONE", True),
-        "</TrackFeatures>",
-        "</FeatureDeclarations>",
-    ]
-)
+_FEATURE = "feature", "name", "shortname", "dimension", "isint"
+_FEATURES = {
+    "SpotFeatures": (
+        ("QUALITY", "Quality", "Quality", "QUALITY", "false"),
+        ("POSITION_X", "X", "X", "POSITION", "false"),
+        ("POSITION_Y", "Y", "Y", "POSITION", "false"),
+        ("POSITION_Z", "Z", "Z", "POSITION", "false"),
+        ("POSITION_T", "T", "T", "TIME", "false"),
+        ("FRAME", "Frame", "Frame", "NONE", "true"),
+        ("RADIUS", "Radius", "R", "LENGTH", "false"),
+        ("VISIBILITY", "Visibility", "Visibility", "NONE", "true"),
+    ),
+    "EdgeFeatures": (
+        ("SPOT_SOURCE_ID", "Source spot ID", "Source ID", "NONE", "true"),
+        ("SPOT_TARGET_ID", "Target spot ID", "Target ID", "NONE", "true"),
+    ),
+    "TrackFeatures": (
+        ("TRACK_ID", "Track ID", "ID", "NONE", "true"),
+        ("TRACK_INDEX", "Track index", "Index", "NONE", "true"),
+    ),
+}
