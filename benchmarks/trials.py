@@ -18,24 +18,23 @@ from typing import Any, TypeVar
 import numpy as np
 from benchmarks.table import Cell
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError, PlateWarning
-from blurmatte.matting import Solution, solve
-from blurmatte.metrics import alpha_rmse, alpha_sum_bias, calibration, false_alpha
+from blurmatte.matting import solve
+from blurmatte.matting.solution import Solution
+from blurmatte.metrics.alpha import alpha_rmse, alpha_sum_bias, calibration, false_alpha
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,
     Camera,
-    Drift,
     Rendering,
     Scene,
     Shot,
     colorful_plate,
-    plain_plate,
     render,
-    textured_plate,
-    two_hue_plate,
 )
+from blurmatte.rendering.plates import plain_plate, textured_plate, two_hue_plate
+from blurmatte.rendering.shot import Drift
 from blurmatte.trajectory import Trajectory
 
 T = TypeVar("T")

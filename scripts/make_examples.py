@@ -12,15 +12,14 @@ import OpenImageIO as oiio
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
-    Lamp,
     Rendering,
     Scene,
-    add_noise,
     colorful_plate,
-    encode_codes,
-    plain_plate,
     render,
 )
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.processing import add_noise, encode_codes
 from blurmatte.trajectory import Trajectory
 
 SIZE = (400, 300)

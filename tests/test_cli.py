@@ -23,9 +23,10 @@ from tests.scenes.texts import BALL
 
 import blurmatte as bm
 from blurmatte.cli.console import ExitCode, swatches
-from blurmatte.explain import grade_in_words
+from blurmatte.explain.grade import grade_in_words
 from blurmatte.matting.summary import Alternative
-from blurmatte.rendering import add_noise, colorful_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.processing import add_noise
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
 COLOR = "#ffbc43"

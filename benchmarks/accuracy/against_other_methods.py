@@ -25,7 +25,7 @@ import numpy as np
 from benchmarks.accuracy import other_methods as other
 from benchmarks.table import Cell, Table, add_options, publish, result_folder
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError
 from blurmatte.layer import Layer
 from blurmatte.matting import solve

@@ -21,7 +21,7 @@ from benchmarks.trials import (
     rendering,
 )
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, decode, named_transfer
 from blurmatte.rendering import Camera
 

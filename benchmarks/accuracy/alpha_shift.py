@@ -18,7 +18,8 @@ from benchmarks.trials import (
     rendering,
 )
 
-from blurmatte.rendering import Camera, Drift
+from blurmatte.rendering import Camera
+from blurmatte.rendering.shot import Drift
 
 SHIFTS = (0, 0.1, 0.25, 0.5, 1, 2)  # pixels
 SEEDS = 3

@@ -16,11 +16,21 @@ from benchmarks.trials import CODE, over_seeds, photograph
 from scipy.ndimage import distance_transform_edt
 
 from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
-from blurmatte.matting import Solution, solve
-from blurmatte.metrics import alpha_rmse, alpha_sum_bias, trajectory_iou
-from blurmatte.motion import measure_motion
+from blurmatte.matting import solve
+from blurmatte.matting.solution import Solution
+from blurmatte.metrics.alpha import alpha_rmse, alpha_sum_bias
+from blurmatte.metrics.motion import trajectory_iou
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Body, Camera, Rendering, Scene, Sheet, render
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Rendering,
+    Scene,
+    render,
+)
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.scene import Body
 from blurmatte.streaks import Streak, require_streaks
 
 FIRST = 80000

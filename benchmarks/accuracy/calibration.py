@@ -22,11 +22,13 @@ from benchmarks.trials import (
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools
-from blurmatte.color import ColorModel, pick_colors
+from blurmatte.color import pick_colors
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, PlateWarning
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution, solve
-from blurmatte.metrics import calibration
+from blurmatte.matting import solve
+from blurmatte.matting.solution import Solution
+from blurmatte.metrics.alpha import calibration
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Rendering, render
 

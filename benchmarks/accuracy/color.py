@@ -14,10 +14,11 @@ from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import CODE, direction_errors, over_seeds, photograph
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import fit_color_from_hues, published_color_line
-from blurmatte.color.streak import _streak_pixels
+from blurmatte.color import published_color_line
+from blurmatte.color.streak import _streak_pixels, fit_color_from_hues
 from blurmatte.errors import ColorModelError
-from blurmatte.metrics import calibration, color_distance
+from blurmatte.metrics.alpha import calibration
+from blurmatte.metrics.color import color_distance
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering import (
     Ball,
@@ -25,10 +26,9 @@ from blurmatte.rendering import (
     Rendering,
     Scene,
     colorful_plate,
-    plain_plate,
     render,
-    two_hue_plate,
 )
+from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.streaks import find_streaks
 from blurmatte.trajectory import Trajectory
 

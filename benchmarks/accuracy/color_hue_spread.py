@@ -10,7 +10,8 @@ from benchmarks.accuracy.color import Outcome, outcome, refused, spread
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import ORANGE, RADIUS, SCENE, SIZE, ball_path, median, over_seeds
 
-from blurmatte.rendering import Ball, Rendering, Scene, render, striped_plate
+from blurmatte.rendering import Ball, Rendering, Scene, render
+from blurmatte.rendering.plates import striped_plate
 
 SPREADS = (0, 1, 2, 3, 5, 10, 20, 30)  # degrees, root mean square
 NOISES = (0.5, 2)  # code values of 255

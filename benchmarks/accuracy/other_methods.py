@@ -19,7 +19,7 @@ from blurmatte.color import published_color_line
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, Transfer
-from blurmatte.rendering import add_noise, encode_codes
+from blurmatte.rendering.processing import add_noise, encode_codes
 from blurmatte.streaks import require_streaks
 
 Array = npt.NDArray[np.float64]

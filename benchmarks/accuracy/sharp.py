@@ -16,12 +16,20 @@ import numpy as np
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import over_seeds
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.deblurring import Sharp, deblur
 from blurmatte.layer import Layer, box_around
-from blurmatte.metrics import subframe_psnr, subframe_ssim, trajectory_iou
+from blurmatte.metrics.motion import subframe_psnr, subframe_ssim, trajectory_iou
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.rendering import Ball, Camera, Rendering, Scene, Shot, render, textured_plate
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Rendering,
+    Scene,
+    Shot,
+    render,
+)
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.sweep import fit_sweep
 from blurmatte.trajectory import Trajectory
 

@@ -19,7 +19,8 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion import BallMotion, fit_ball, measure_ball
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.rendering import Camera, colorful_plate, render_flight
+from blurmatte.rendering import Camera, colorful_plate
+from blurmatte.rendering.ball import render_flight
 from blurmatte.sweep import fit_sweep
 
 SIZE = (360, 260)

@@ -21,10 +21,19 @@ from benchmarks.accuracy.sharp import FRAMES, scores, texture
 from benchmarks.table import Cell, Table, changed_files, machine, publish_all
 from benchmarks.trials import over_seeds
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.deblurring import deblur, fit_spin
 from blurmatte.errors import MotionError, SpinError
-from blurmatte.rendering import Ball, Camera, Lamp, Rendering, Scene, Shot, render, textured_plate
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Rendering,
+    Scene,
+    Shot,
+    render,
+)
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.trajectory import Trajectory

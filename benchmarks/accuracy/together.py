@@ -11,22 +11,21 @@ import numpy as np
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import CODE, PLATES, median, over_seeds
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.matting import Pixelwise, Smooth, solve
-from blurmatte.metrics import alpha_rmse, calibration, false_alpha
+from blurmatte.metrics.alpha import alpha_rmse, calibration, false_alpha
 from blurmatte.rendering import (
     Ball,
-    Body,
     Camera,
-    Change,
     Rendering,
     Scene,
-    Sheet,
     Shot,
     render,
-    star_sprite,
 )
+from blurmatte.rendering.flat_bodies import Sheet, star_sprite
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Body
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 256)

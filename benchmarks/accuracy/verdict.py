@@ -18,20 +18,20 @@ from benchmarks.trials import CODE, PLATES, over_seeds, photograph
 
 from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution, solve
+from blurmatte.matting import solve
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,
     Camera,
-    Change,
-    Lamp,
     Rendering,
     Scene,
-    Shadow,
-    Sheet,
-    Sprite,
     render,
 )
+from blurmatte.rendering.flat_bodies import Sheet, Sprite
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)

@@ -14,10 +14,11 @@ from benchmarks.cycles.pictures import Facts
 from benchmarks.trials import direction_errors
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution
-from blurmatte.metrics import calibration, false_alpha, trajectory_iou
+from blurmatte.matting.solution import Solution
+from blurmatte.metrics.alpha import calibration, false_alpha
+from blurmatte.metrics.motion import trajectory_iou
 from blurmatte.scenes import ProgramAnswer, Truth, score
 from blurmatte.sweep import Sweep
 

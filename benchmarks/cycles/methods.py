@@ -15,7 +15,8 @@ from benchmarks.accuracy.against_other_methods import Case
 from blurmatte.background import Matching, match_plate
 from blurmatte.calibration import with_noise
 from blurmatte.layer import Layer
-from blurmatte.matting import Quality, Smooth, Solution, SolutionStats, solve
+from blurmatte.matting import Quality, Smooth, SolutionStats, solve
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep

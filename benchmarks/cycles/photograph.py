@@ -19,13 +19,9 @@ from benchmarks.cycles.pictures import CYCLES, Facts, Picture, TrueShot, write_p
 
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import (
-    Camera,
-    Drift,
-    Processing,
-    encode_codes,
-    photograph_pair,
-)
+from blurmatte.rendering import Camera
+from blurmatte.rendering.processing import Processing, encode_codes
+from blurmatte.rendering.shot import Drift, photograph_pair
 from blurmatte.trajectory import Trajectory
 
 Light = npt.NDArray[np.floating[Any]]

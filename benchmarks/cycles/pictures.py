@@ -20,15 +20,10 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.color import ColorModel
-from blurmatte.files import (
-    path_to_mapping,
-    read,
-    read_color_model,
-    read_layer,
-    write,
-    write_together,
-)
+from blurmatte.color.model import ColorModel
+from blurmatte.files.models import path_to_mapping, read_color_model
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.writing import write, write_together
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
 from blurmatte.scenes import Truth, read_truth

@@ -22,7 +22,7 @@ from benchmarks.cycles.workers import Ended, OutOfTime, cpu_limit, run_each
 import blurmatte
 from blurmatte.errors import BlurmatteError, FileError
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.scenes import Truth
 from blurmatte.trajectory import Trajectory

@@ -15,7 +15,7 @@ from benchmarks.table import RESULTS, Cell, Table, require_clean_tree
 from benchmarks.table import publish as publish_table
 from scipy.special import ndtri
 
-from blurmatte.matting import Grade
+from blurmatte.matting.maps import Grade
 
 ALL = "all"
 HONEST = 2  # error over claim, up to which a claim passes

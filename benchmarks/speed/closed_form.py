@@ -18,7 +18,7 @@ from benchmarks.speed.timing import interleaved
 from benchmarks.table import Table, publish_all
 from numba import njit
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import PixelMaps, _strips
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.radiometry import SRGB, NoiseModel

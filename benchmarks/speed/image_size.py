@@ -12,8 +12,9 @@ from benchmarks.speed.timing import interleaved
 from benchmarks.table import Cell, Table, publish_all
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel
-from blurmatte.matting import PixelMaps, Pixelwise, Smooth, Solution, solve
+from blurmatte.color.model import ColorModel
+from blurmatte.matting import PixelMaps, Pixelwise, Smooth, solve
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import SRGB, LinearImage, decode
 
 MEGAPIXELS = (0.1, 0.3, 1, 3, 10, 33)

@@ -10,7 +10,8 @@ import numpy as np
 from figure import color_of, gray, save, shown
 
 import blurmatte as bm
-from blurmatte.rendering import Sheet, colorful_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.pose import Change
 
 SIZE = (300, 170)

@@ -12,7 +12,8 @@ import numpy as np
 from figure import color_of, gray, save, shown
 
 import blurmatte as bm
-from blurmatte.rendering import Cube, colorful_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.flat_bodies import Cube
 from blurmatte.rendering.pose import Change
 
 SIZE = (320, 220)

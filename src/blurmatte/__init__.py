@@ -23,7 +23,7 @@ __all__ = sorted(_PACKAGES)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, imported from its package, or such a package."""
+    """A public name, imported from its module, or a package of such names."""
     if name not in _PACKAGES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if _PACKAGES[name] == __name__:

@@ -25,16 +25,11 @@ from blurmatte.compositing import Exposures
 from blurmatte.errors import optional_library
 from blurmatte.explain.explain import explain
 from blurmatte.explain.grade import alpha_peak
-from blurmatte.figures import (
-    draw_exposures,
-    draw_overview,
-    draw_parallax,
-    draw_plate,
-    sure_pixels,
-)
-from blurmatte.files import write_together
+from blurmatte.figures import draw_exposures, draw_overview, draw_plate
+from blurmatte.figures.solution import draw_parallax, sure_pixels
 from blurmatte.files.documents import flat_rows
 from blurmatte.files.solutions import stats_to_mapping
+from blurmatte.files.writing import write_together
 from blurmatte.layer import Layer
 from blurmatte.matting.maps import Quality
 from blurmatte.matting.solution import Solution, check_solution

@@ -7,7 +7,7 @@ from tests.scenes import rendered
 
 from blurmatte.background import Matching, PlateGuess, burst_plate
 from blurmatte.matting import solve
-from blurmatte.motion import measure_motion
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Scene
 from blurmatte.trajectory import Trajectory

@@ -7,7 +7,8 @@ from tests.scenes import rendered
 import blurmatte as bm
 from blurmatte.background import agreement
 from blurmatte.calibration import with_noise
-from blurmatte.rendering import colorful_plate, plain_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.rendering.shot import Drift
 
 SIZE = (240, 180)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.background import make_plate
 from blurmatte.errors import PlateError
-from blurmatte.files import read_frames
+from blurmatte.files.frames import read_frames
 from blurmatte.radiometry import REC709, SRGB, LinearImage, decode
 from blurmatte.rendering import colorful_plate
 

@@ -20,7 +20,7 @@ from benchmarks.table import DirtyTreeError, Table, publish, publish_all  # noqa
 from benchmarks import __main__ as program  # noqa: E402
 from benchmarks import table as table_module  # noqa: E402
 from benchmarks import trials  # noqa: E402
-from blurmatte.color import ColorModel  # noqa: E402
+from blurmatte.color.model import ColorModel  # noqa: E402
 from blurmatte.rendering import Camera  # noqa: E402
 
 FAST = "accuracy.alpha_shift"

@@ -8,7 +8,8 @@ from scipy.ndimage import shift
 from blurmatte.calibration import measure_noise, measure_noise_against, measure_noise_within
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel
-from blurmatte.rendering import Camera, textured_plate
+from blurmatte.rendering import Camera
+from blurmatte.rendering.plates import textured_plate
 
 SENSOR = NoiseModel(gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.0015, 0.003))
 FAINT = NoiseModel(gain=(2e-5, 1e-5, 4e-5), read_std=(6e-4, 5e-4, 1e-3))

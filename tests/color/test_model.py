@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.color import ColorModel
-from blurmatte.color.model import fuse_colors
+from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB
 

@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 from tests.scenes import noisy, rendered
 
-from blurmatte.color import ColorModel, core_colors, pick_colors
+from blurmatte.color import core_colors, pick_colors
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory
 

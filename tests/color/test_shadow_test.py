@@ -6,21 +6,21 @@ import numpy as np
 import pytest
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel, darker_pixels, may_be_shadow
+from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import darker_pixels, may_be_shadow
 from blurmatte.errors import ColorModelError
-from blurmatte.explain import doubts
-from blurmatte.matting import Grade, Pixelwise, Quality, Smooth, solve
+from blurmatte.explain.grade import doubts
+from blurmatte.matting import Pixelwise, Quality, Smooth, solve
+from blurmatte.matting.maps import Grade
 from blurmatte.rendering import (
     Ball,
     Camera,
     Scene,
     colorful_plate,
-    plain_plate,
     render,
-    star_sprite,
-    textured_plate,
-    two_hue_plate,
 )
+from blurmatte.rendering.flat_bodies import star_sprite
+from blurmatte.rendering.plates import plain_plate, textured_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import fit_color, fit_sweep
 from blurmatte.trajectory import Trajectory

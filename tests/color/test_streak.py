@@ -10,31 +10,29 @@ from numpy.testing import assert_allclose
 from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import (
-    ColorModel,
+from blurmatte.color import evidence, published_color_line, streak
+from blurmatte.color.model import ColorModel
+from blurmatte.color.streak import (
     check_chroma_resolution,
-    evidence,
     fit_color_from_hues,
     projected_energy,
     projection_vectors,
     projection_weights,
-    published_color_line,
-    streak,
+    recompressed,
     streak_of_color,
 )
-from blurmatte.color.streak import recompressed
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import SRGB, Compression, LinearImage, Meta, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
-    Change,
     Scene,
-    Sheet,
     colorful_plate,
-    plain_plate,
     render,
 )
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.pose import Change
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory
 

@@ -5,11 +5,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.background import Matching
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.compositing import split_exposure
-from blurmatte.matting import Pixelwise, Solution, solve
+from blurmatte.matting import Pixelwise, solve
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import add_noise, colorful_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.processing import add_noise
 from blurmatte.streaks import Streak
 
 RED, BLUE = np.array([0.8, 0.15, 0.1]), np.array([0.1, 0.3, 0.7])

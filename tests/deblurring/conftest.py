@@ -8,7 +8,8 @@ from tests.scenes import noisy, rendered
 
 import blurmatte as bm
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Rendering, textured_plate
+from blurmatte.rendering import Rendering
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC

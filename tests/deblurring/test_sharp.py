@@ -12,8 +12,9 @@ from blurmatte.calibration import with_noise
 from blurmatte.deblurring.compressed import linearized
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.view import View
-from blurmatte.metrics import subframe_psnr
-from blurmatte.rendering import Camera, Change
+from blurmatte.metrics.motion import subframe_psnr
+from blurmatte.rendering import Camera
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep.model.path import BOUNCE, CUBIC, FROM_REST, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 

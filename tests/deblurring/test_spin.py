@@ -19,8 +19,10 @@ from blurmatte.deblurring.refine import explained, scores, with_curvature
 from blurmatte.deblurring.spin import harmonics
 from blurmatte.deblurring.spin_search import Search, rotation_grid
 from blurmatte.deblurring.view import View
-from blurmatte.metrics import subframe_psnr
-from blurmatte.rendering import Camera, Lamp, textured_plate
+from blurmatte.metrics.motion import subframe_psnr
+from blurmatte.rendering import Camera
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import LINE

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blurmatte.color import ColorModel
-from blurmatte.matting import Quality, Solution, SolutionStats
+from blurmatte.color.model import ColorModel
+from blurmatte.matting import Quality, SolutionStats
+from blurmatte.matting.solution import Solution
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.explain import explain
 
 

@@ -5,17 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blurmatte.color import ColorModel
-from blurmatte.explain import (
+from blurmatte.color.model import ColorModel
+from blurmatte.explain import explain
+from blurmatte.explain.grade import (
+    also_moved,
     alternatives_in_words,
     alternatives_of,
     doubts,
-    explain,
     grade_in_words,
     likeliest_shape,
 )
-from blurmatte.explain.grade import also_moved
-from blurmatte.matting import Grade, Quality, SolutionStats
+from blurmatte.matting import Quality, SolutionStats
+from blurmatte.matting.maps import Grade
 from blurmatte.matting.stats import ShadowSummary, SweepSummary
 from blurmatte.matting.summary import Alternative
 from blurmatte.sweep import Diagnostics, Sweep, path_family

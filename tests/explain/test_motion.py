@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.explain import explain
 from blurmatte.explain.motion import spin_in_words
 from blurmatte.explain.numbers import direction
-from blurmatte.motion import Scale
 from blurmatte.motion.picture.measure import motion_of_sweep
+from blurmatte.motion.picture.motion import Scale
 from blurmatte.sweep import Sweep, path_family
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
 

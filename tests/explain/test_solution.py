@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.explain import explain
 from blurmatte.explain.solution import usable_all_the_same
 from blurmatte.matting import Quality

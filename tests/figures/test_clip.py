@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from tests.motion.clip.sightings import sighted
 
-from blurmatte.figures import ClipPhysics, Matte, draw_clip
-from blurmatte.figures.clip import charts_of
+from blurmatte.figures import ClipPhysics, draw_clip
+from blurmatte.figures.clip import Matte, charts_of
 from blurmatte.figures.drawing import Palette
 from blurmatte.figures.sheet import Canvas
 from blurmatte.layer import Layer
-from blurmatte.motion import BallPlace, FrameMotion, Scale
+from blurmatte.motion import BallPlace, FrameMotion
+from blurmatte.motion.picture.motion import Scale
 from blurmatte.radiometry import LinearImage
 
 PLATE = LinearImage(np.full((90, 120, 3), 0.05))

@@ -6,7 +6,7 @@ from tests.scenes import RED, solution_of
 
 from blurmatte.figures import draw_motion
 from blurmatte.figures.drawing import Palette
-from blurmatte.motion import measure_motion
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import Sweep, path_family
 from blurmatte.sweep.model.silhouette import DISC

@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 from tests.scenes import noisy, rendered
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.figures import draw_overview
 from blurmatte.figures.drawing import Palette
 from blurmatte.figures.solution import _layout, _surroundings
-from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
+from blurmatte.matting import Pixelwise, Quality, solve
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SweepSummary
 from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel

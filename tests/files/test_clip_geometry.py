@@ -6,12 +6,12 @@ import pytest
 
 from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import BlurmatteWarning, FileError
-from blurmatte.files import read_frames
 from blurmatte.files.clip_geometry import orientation_of, siting_of
 from blurmatte.files.errors import check_square_pixels
+from blurmatte.files.frames import read_frames
 from blurmatte.radiometry import REC709, LinearImage
 from blurmatte.radiometry.coded import filter_graph
-from blurmatte.rendering import textured_plate
+from blurmatte.rendering.plates import textured_plate
 
 NAMED = {
     "none": ((1, 0), (0, 1)),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.files import read_frames
+from blurmatte.files.frames import read_frames
 from blurmatte.radiometry import REC709
 
 av = pytest.importorskip("av")

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import BlurmatteWarning
-from blurmatte.files import read_frames, read_layers
+from blurmatte.files.frames import read_frames, read_layers
 from blurmatte.radiometry import REC709
 
 av = pytest.importorskip("av")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.files import read_path
 from blurmatte.files.documents import parse_json, parse_toml
+from blurmatte.files.models import read_path
 from blurmatte.matting import SolutionStats
 from blurmatte.scenes import read_shots
 

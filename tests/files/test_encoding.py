@@ -10,8 +10,10 @@ from numpy.testing import assert_allclose
 from PIL import Image, ImageCms
 
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files import read, read_layer, write, write_changed
 from blurmatte.files.exif import EXIF_MARK, Tag, TiffTag, shorts, tags_block
+from blurmatte.files.inplace import write_changed
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.writing import write
 from blurmatte.radiometry import LINEAR, REC709, SRGB, gamma
 from blurmatte.radiometry.transfer import HLG, PQ
 

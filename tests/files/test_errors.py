@@ -11,7 +11,8 @@ import tifffile
 from PIL import Image
 
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer, read_solution
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.solutions import read_solution
 from blurmatte.radiometry import SRGB
 
 EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import FileError
-from blurmatte.files import read, write
+from blurmatte.files.reading import read
+from blurmatte.files.writing import write
 from blurmatte.radiometry import LinearImage, Meta, check_same_colors
 
 META = Meta(

@@ -4,8 +4,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer, write
 from blurmatte.files.raster_writing import save_pixels
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.writing import write
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel
 
 

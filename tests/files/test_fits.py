@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blurmatte.errors import FileError
-from blurmatte.files import read
+from blurmatte.files.reading import read
 from blurmatte.radiometry import LINEAR
 
 BITPIX = {"uint8": 8, "int16": 16, "int32": 32, "float32": -32, "float64": -64}

@@ -15,7 +15,10 @@ from tests.files.conftest import para, profile_bytes, write_dng
 
 from blurmatte import formats
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_frames, write, write_changed
+from blurmatte.files.frames import read_frames
+from blurmatte.files.inplace import write_changed
+from blurmatte.files.reading import read
+from blurmatte.files.writing import write
 from blurmatte.formats import FORMATS, Holds, format_at, is_clip, pictures_in, recognized
 from blurmatte.radiometry import REC709, SRGB, LinearImage
 from blurmatte.radiometry.transfer import PQ

@@ -16,7 +16,9 @@ from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files import read, write, write_changed
+from blurmatte.files.inplace import write_changed
+from blurmatte.files.reading import read
+from blurmatte.files.writing import write
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, gamma
 
 EXIF_DIRECTORY, GPS_DIRECTORY = 0x8769, 0x8825

@@ -14,11 +14,14 @@ import OpenImageIO as oiio
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer, read_layers, read_solution, write, write_frames
+from blurmatte.files.frames import read_layers, write_frames
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.solutions import read_solution
+from blurmatte.files.writing import write
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import render
 from blurmatte.scenes import read_shots, scene_names, scene_text

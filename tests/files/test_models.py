@@ -9,10 +9,17 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import blurmatte as bm
 from blurmatte.calibration import NoiseFit
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files import path_to_mapping, read_color_model, read_noise, read_path, write
-from blurmatte.files.models import sweep_from_json, sweep_to_json
+from blurmatte.files.models import (
+    path_to_mapping,
+    read_color_model,
+    read_noise,
+    read_path,
+    sweep_from_json,
+    sweep_to_json,
+)
+from blurmatte.files.writing import write
 from blurmatte.radiometry import NoiseModel
 from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.model.cast_shadow import CastShadow

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blurmatte.errors import FileError
-from blurmatte.files import read
+from blurmatte.files.reading import read
 from blurmatte.radiometry import SRGB
 
 

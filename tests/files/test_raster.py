@@ -9,7 +9,8 @@ import pytest
 import tifffile
 
 from blurmatte.errors import BlurmatteWarning, FileError
-from blurmatte.files import read, read_layer, write_changed
+from blurmatte.files.inplace import write_changed
+from blurmatte.files.reading import read, read_layer
 from blurmatte.radiometry import LINEAR, SRGB
 
 WEDGE = np.tile(np.linspace(0, 1, 64), (32, 1))

@@ -12,10 +12,12 @@ from tests.commands import run
 from tests.scenes import rendered
 
 from blurmatte.calibration import fit_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError, PlateError
-from blurmatte.files import read, read_layer, read_solution, write
 from blurmatte.files.raw import _to_srgb
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.solutions import read_solution
+from blurmatte.files.writing import write
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors
 from blurmatte.radiometry.sensor import demosaic, exif_orientation

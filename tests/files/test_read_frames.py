@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files import read_frames, read_layers, write
+from blurmatte.files.frames import read_frames, read_layers
+from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
 from blurmatte.radiometry.transfer import HLG, PQ

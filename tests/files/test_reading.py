@@ -13,9 +13,9 @@ from PIL import Image, ImageOps
 import blurmatte as bm
 from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer
 from blurmatte.files.raster_writing import save_pixels
-from blurmatte.jpeg import jpeg_bytes, read_jpeg
+from blurmatte.files.reading import read, read_layer
+from blurmatte.jpeg.coding import jpeg_bytes, read_jpeg
 from blurmatte.radiometry import SRGB
 from blurmatte.radiometry.sensor import exif_orientation
 

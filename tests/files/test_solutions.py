@@ -14,11 +14,14 @@ import pytest
 import tifffile
 
 import blurmatte as bm
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer, read_solution, write
-from blurmatte.files.solutions import save_stack, stats_to_mapping
-from blurmatte.matting import Grade, Quality, Solution, SolutionStats
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.solutions import read_solution, save_stack, stats_to_mapping
+from blurmatte.files.writing import write
+from blurmatte.matting import Quality, SolutionStats
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import (
     MatchSummary,
     MedianNoise,

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from blurmatte.errors import FileError
-from blurmatte.files import write
+from blurmatte.files.writing import write
 
 
 def rows(objects=2):

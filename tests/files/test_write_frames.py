@@ -11,7 +11,9 @@ from numpy.testing import assert_allclose
 from PIL import Image
 
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_frames, read_layer, read_layers, write, write_frames
+from blurmatte.files.frames import read_frames, read_layers, write_frames
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, SRGB, LinearImage
 

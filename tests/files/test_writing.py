@@ -9,9 +9,11 @@ import tifffile
 from numpy.testing import assert_allclose
 from PIL import Image
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_color_model, read_layer, write
+from blurmatte.files.models import read_color_model
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage, Meta
 

@@ -18,7 +18,7 @@ from tests.files.conftest import write_dng
 
 import blurmatte as bm
 from blurmatte.cli import app, clips
-from blurmatte.files import path_to_mapping
+from blurmatte.files.models import path_to_mapping
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory
 

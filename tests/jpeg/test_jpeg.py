@@ -14,9 +14,8 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.fft import idctn
 
-from blurmatte.jpeg import JpegError, jpeg_bytes, read_jpeg, replace_blocks
-from blurmatte.jpeg.coding import huffman_codes, table_bytes
-from blurmatte.jpeg.structure import ZIGZAG, Component
+from blurmatte.jpeg.coding import huffman_codes, jpeg_bytes, read_jpeg, replace_blocks, table_bytes
+from blurmatte.jpeg.structure import ZIGZAG, Component, JpegError
 
 
 def scene(width, height, seed=0):

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.background import Matching
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.special_pixels import one_clipped

@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.case import grown_mask
 from blurmatte.matting.evidence import (
     evidence_of,
@@ -17,7 +17,8 @@ from blurmatte.matting.evidence import (
     without_fine_structure,
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, textured_plate
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.statistics import variance_inflation
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory

@@ -10,23 +10,25 @@ from tests.scenes import photographed, rendered
 
 from blurmatte.background import Matching
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Smooth, Swept, solve
+from blurmatte.matting import (
+    PixelMaps,
+    Pixelwise,
+    Quality,
+    Smooth,
+    solve,
+)
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.fitted_hypothesis import write_swept
+from blurmatte.matting.hypotheses import Swept
+from blurmatte.matting.maps import Grade
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Change,
-    Scene,
-    Shadow,
-    plain_plate,
-    render,
-    star_sprite,
-    textured_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene, render
+from blurmatte.rendering.flat_bodies import star_sprite
+from blurmatte.rendering.plates import plain_plate, textured_plate
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Shadow
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.trajectory import Trajectory
 

@@ -8,9 +8,13 @@ from numpy.testing import assert_array_equal
 
 import blurmatte as bm
 from blurmatte.explain.grade import grade_in_words
-from blurmatte.matting import Averaged, Grade, Smooth, hypotheses, solve
+from blurmatte.matting import Averaged, hypotheses, solve
 from blurmatte.matting.averaging import MIN_WEIGHT
-from blurmatte.rendering import Ball, Camera, Scene, Sheet, plain_plate, render
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.smooth import Smooth
+from blurmatte.rendering import Ball, Camera, Scene, render
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.trajectory import Trajectory
 
 SIZE = (128, 72)

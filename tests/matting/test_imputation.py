@@ -7,10 +7,13 @@ import pytest
 from tests.scenes import photographed, rendered
 
 from blurmatte.background import guess_plate
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.figures import draw_overview
-from blurmatte.matting import Grade, Smooth, Swept, solve
-from blurmatte.rendering import Ball, Camera, Scene, plain_plate
+from blurmatte.matting import Smooth, solve
+from blurmatte.matting.hypotheses import Swept
+from blurmatte.matting.maps import Grade
+from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.sweep import fitting_size
 from blurmatte.sweep.hypotheses import Disc, DiscWithShadow
 from blurmatte.trajectory import Trajectory

@@ -7,21 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.scenes import photographed, rendered
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import Smooth, solve
 from blurmatte.matting.evidence import FirstEstimate, evidence_of, pixels_of
 from blurmatte.matting.light_priors import _along_line, with_brightness, with_mixture
-from blurmatte.metrics import calibration
+from blurmatte.metrics.alpha import calibration
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Change,
-    Scene,
-    Sheet,
-    plain_plate,
-    two_hue_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import plain_plate, two_hue_plate
+from blurmatte.rendering.pose import Change
 from blurmatte.trajectory import Trajectory
 
 SHAPE = (64, 96)

@@ -7,7 +7,10 @@ from tests.scenes import photographed, rendered
 
 from blurmatte.matting import solve
 from blurmatte.matting.mixtures import Mixtures
-from blurmatte.rendering import Camera, Change, Scene, Sheet, plain_plate
+from blurmatte.rendering import Camera, Scene
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.pose import Change
 from blurmatte.trajectory import Trajectory
 
 RED, BLUE, GRAY = np.array([0.6, 0.06, 0.05]), np.array([0.1, 0.2, 0.7]), np.full(3, 0.45)

@@ -8,7 +8,8 @@ from tests.scenes import photographed, rendered
 from blurmatte.matting import PixelMaps, Quality, solve
 from blurmatte.matting.object_light import inpaint_light
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Camera, Scene, plain_plate
+from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.trajectory import Trajectory
 
 SHAPE = (30, 40)

@@ -8,12 +8,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import minimize_scalar
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import PixelMaps, Pixelwise, Quality
 from blurmatte.matting import maps as maps_module
 from blurmatte.matting import pixelwise as kernel
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel
-from blurmatte.rendering import Camera, encode_codes
+from blurmatte.rendering import Camera
+from blurmatte.rendering.processing import encode_codes
 
 NONE = NoiseModel()
 SENSOR = NoiseModel(

@@ -13,7 +13,8 @@ from blurmatte.matting.plate_check import (
     warn_if_plate_differs,
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Camera, two_hue_plate
+from blurmatte.rendering import Camera
+from blurmatte.rendering.plates import two_hue_plate
 from blurmatte.streaks import Streak
 
 NOISE = NoiseModel(gain=2e-4, read_std=0.002)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.matting.smooth_field import BORDER, CellEvidence

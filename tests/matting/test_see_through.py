@@ -6,12 +6,14 @@ from scipy.ndimage import gaussian_filter
 from tests.scenes import photographed, rendered
 
 from blurmatte.color.model import ColorModel
-from blurmatte.files import read_layer, write
+from blurmatte.files.reading import read_layer
+from blurmatte.files.writing import write
 from blurmatte.matting import Averaged, solve
 from blurmatte.matting.maps import Grade
-from blurmatte.motion import measure_motion
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, textured_plate
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.sweep import OpacityPrior
 from blurmatte.trajectory import Trajectory
 

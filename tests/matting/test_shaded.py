@@ -8,16 +8,11 @@ import pytest
 from tests.scenes import photographed, rendered
 
 import blurmatte as bm
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shadow,
-    colorful_plate,
-    two_hue_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import two_hue_plate
+from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 120)

@@ -8,21 +8,15 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.scenes import photographed, rendered
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting import Grade, Pixelwise, Quality, Smooth, solve
+from blurmatte.matting import Pixelwise, Quality, Smooth, solve
+from blurmatte.matting.maps import Grade
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Change,
-    Scene,
-    Sheet,
-    colorful_plate,
-    plain_plate,
-    star_sprite,
-    textured_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.flat_bodies import Sheet, star_sprite
+from blurmatte.rendering.plates import plain_plate, textured_plate
+from blurmatte.rendering.pose import Change
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import evidence_kernel
 from blurmatte.matting import smooth_kernel as compiled
 from blurmatte.matting.pixelwise import Pixelwise

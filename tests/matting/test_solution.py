@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from blurmatte.color import ColorModel
-from blurmatte.matting import Grade, Quality, Solution, SolutionStats
+from blurmatte.color.model import ColorModel
+from blurmatte.matting import Quality, SolutionStats
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SweepSummary
 from blurmatte.sweep import Diagnostics
 

@@ -11,7 +11,7 @@ from tests.scenes import photographed, rendered
 
 from blurmatte.background import Matching, make_plate
 from blurmatte.calibration import fit_noise, with_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import (
     BlurmatteError,
     ColorModelError,
@@ -19,30 +19,30 @@ from blurmatte.errors import (
     PlateError,
     PlateWarning,
 )
-from blurmatte.files import read, read_frames
+from blurmatte.files.frames import read_frames
+from blurmatte.files.reading import read
 from blurmatte.matting import (
-    Grade,
     PixelMaps,
     Pixelwise,
     Quality,
     Shaded,
     Smooth,
-    Swept,
     solve,
 )
+from blurmatte.matting.hypotheses import Swept
+from blurmatte.matting.maps import Grade
 from blurmatte.matting.plate_check import _looks_swapped
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
     Scene,
-    Sheet,
     Shot,
     colorful_plate,
-    plain_plate,
     render,
-    two_hue_plate,
 )
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import fit_color, likeliest_streak
 from blurmatte.trajectory import Trajectory

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import PixelMaps
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.fitted_hypothesis import Shapeless

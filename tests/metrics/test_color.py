@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.metrics import ColorDistance, color_distance, premultiplied_rmse, recomposite_psnr
+from blurmatte.metrics.color import (
+    ColorDistance,
+    color_distance,
+    premultiplied_rmse,
+    recomposite_psnr,
+)
 from blurmatte.radiometry import SRGB, LinearImage
 
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from scipy.fft import dctn, idctn
 
-from blurmatte.jpeg import compression_of
+from blurmatte.jpeg.coding import compression_of
 from blurmatte.radiometry import SRGB, CodingError, Compression
 from blurmatte.radiometry.compression import lost_change, quantization_variance
 from blurmatte.rendering.processing import from_jpeg, to_jpeg

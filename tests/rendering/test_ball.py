@@ -6,7 +6,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import map_coordinates
 
 from blurmatte import Intrinsics
-from blurmatte.rendering import AT_REST, Ball, Change, Lamp, Pose, render_flight
+from blurmatte.rendering import Ball
+from blurmatte.rendering.ball import render_flight
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.pose import AT_REST, Change, Pose
 
 ORANGE = np.array([0.9, 0.5, 0.05])
 BLUE = np.array([0.1, 0.2, 0.7])

@@ -8,9 +8,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
-from blurmatte.files import read
+from blurmatte.files.reading import read
 from blurmatte.radiometry import LINEAR, SRGB, NoiseModel
-from blurmatte.rendering import Camera, add_noise, colorful_plate, encode_codes
+from blurmatte.rendering import Camera, colorful_plate
+from blurmatte.rendering.processing import add_noise, encode_codes
 
 LIGHT = np.array([0.05, 0.2, 0.6])
 NOISE = NoiseModel(gain=2e-4, read_std=0.002, relative_std=0.003)

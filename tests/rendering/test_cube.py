@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.rendering import AT_REST, Change, Cube, Lamp, Pose
+from blurmatte.rendering.flat_bodies import Cube
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.pose import AT_REST, Change, Pose
 
 CYAN = np.array([0.05, 0.55, 0.6])
 SIX = np.random.default_rng(1).uniform(0.1, 1, (6, 3))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.rendering import Drift, colorful_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.shot import Drift
 
 SIZE = (72, 60)
 INSIDE = np.s_[12:-12, 12:-12]

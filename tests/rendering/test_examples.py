@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.radiometry import SRGB
-from blurmatte.rendering import Ball, Lamp, Scene, render
+from blurmatte.rendering import Ball, Scene, render
+from blurmatte.rendering.lighting import Lamp
 from blurmatte.trajectory import Trajectory
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.rendering import Lamp
-from blurmatte.rendering.lighting import check_lighting, lit, shade
+from blurmatte.rendering.lighting import Lamp, check_lighting, lit, shade
 
 WARM, COLD = Lamp((0, 0, 1), (1, 0.7, 0.4)), Lamp((2, 0, 0), (0.2, 0.4, 0.8))
 

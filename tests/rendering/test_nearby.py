@@ -6,16 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.rendering import (
-    Ball,
-    Change,
-    Nearby,
-    Scene,
-    Shadow,
-    colorful_plate,
-    render,
-    wire_fence,
-)
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering.plates import wire_fence
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Nearby, Shadow
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.05])

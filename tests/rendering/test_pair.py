@@ -5,7 +5,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Camera, Processing, colorful_plate, photograph_pair
+from blurmatte.rendering import Camera, colorful_plate
+from blurmatte.rendering.processing import Processing
+from blurmatte.rendering.shot import photograph_pair
 
 NOISE = NoiseModel(gain=1e-4, read_std=0.002)
 PHONE = Camera(NOISE, blur=0.6, bayer=True, processing=Processing(1, 0.3, 0.8))

@@ -5,21 +5,19 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.intrinsics import Intrinsics
-from blurmatte.rendering import (
-    Ball,
+from blurmatte.rendering import Ball, Scene, render
+from blurmatte.rendering.ball import render_flight
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.pose import (
     CameraView,
     Change,
-    Lamp,
     Pinhole,
     Pose,
-    Scene,
-    Sheet,
     path_in_depth,
-    plain_plate,
-    render,
-    render_flight,
+    sphere_outline,
 )
-from blurmatte.rendering.pose import sphere_outline
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.05])

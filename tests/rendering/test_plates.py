@@ -8,10 +8,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.errors import BlurmatteError
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.rendering import (
+from blurmatte.rendering import Camera, colorful_plate
+from blurmatte.rendering.plates import (
     PHOTOS,
-    Camera,
-    colorful_plate,
     photo_plate,
     plain_plate,
     striped_plate,

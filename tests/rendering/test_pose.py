@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.rendering import AT_REST, Change
+from blurmatte.rendering.pose import AT_REST, Change
 
 BUSY = Change(
     turned=(0.2, -0.4, 0.3),

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.errors import BlurmatteError
 from blurmatte.radiometry import SRGB, NoiseModel
-from blurmatte.rendering import Camera, Processing, colorful_plate, through_h264
+from blurmatte.rendering import Camera, colorful_plate
+from blurmatte.rendering.processing import Processing, through_h264
 
 LIGHT = np.array([0.05, 0.2, 0.6])
 NOISE = NoiseModel(gain=2e-4, read_std=0.002)

@@ -7,20 +7,12 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.layer import Layer
-from blurmatte.rendering import (
-    AT_REST,
-    Ball,
-    Change,
-    Cube,
-    Scene,
-    Shadow,
-    Sheet,
-    Sprite,
-    colorful_plate,
-    render,
-    wire_fence,
-)
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering.flat_bodies import Cube, Sheet, Sprite
+from blurmatte.rendering.plates import wire_fence
+from blurmatte.rendering.pose import AT_REST, Change
 from blurmatte.rendering.render import filter_margin, filter_peak, filter_weights, filtered_body
+from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.05])

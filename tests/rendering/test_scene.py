@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from blurmatte.layer import Layer
-from blurmatte.rendering import Ball, Scene, Shadow
+from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
 
 BALL = Ball(4, np.array([0.9, 0.5, 0.05]))

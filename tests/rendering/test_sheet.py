@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.rendering import AT_REST, Change, Pose, Sheet
 from blurmatte.rendering.coverage import box_coverage, cell_edges
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.pose import AT_REST, Change, Pose
 
 BLUE = np.array([0.1, 0.2, 0.7])
 SHEET = Sheet(13.3, 6.1, BLUE)

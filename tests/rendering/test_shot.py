@@ -8,13 +8,12 @@ from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
-    Drift,
     Scene,
     Shot,
     colorful_plate,
-    photograph_pair,
     render,
 )
+from blurmatte.rendering.shot import Drift, photograph_pair
 from blurmatte.trajectory import Trajectory
 
 SCENE = Scene(

@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
 
 from blurmatte.layer import Layer
-from blurmatte.rendering import AT_REST, Change, Pose, Sprite, star_sprite
-from blurmatte.rendering.flat_bodies import sample_counts
+from blurmatte.rendering.flat_bodies import Sprite, sample_counts, star_sprite
+from blurmatte.rendering.pose import AT_REST, Change, Pose
 
 GOLD = np.array([1.0, 0.62, 0.1])
 

@@ -4,10 +4,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from blurmatte.color import ColorModel
-from blurmatte.matting import Quality, Solution, SolutionStats
+from blurmatte.color.model import ColorModel
+from blurmatte.matting import Quality, SolutionStats
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Shot, add_noise, render
+from blurmatte.rendering import Shot, render
+from blurmatte.rendering.processing import add_noise
 
 RED = ColorModel.from_hex("#ff0000")
 

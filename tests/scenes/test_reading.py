@@ -5,19 +5,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import FileError
-from blurmatte.files import write
+from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage
-from blurmatte.rendering import (
-    Ball,
-    Cube,
-    Nearby,
-    Pinhole,
-    Processing,
-    Sprite,
-    colorful_plate,
-    plain_plate,
-)
+from blurmatte.rendering import Ball, colorful_plate
+from blurmatte.rendering.flat_bodies import Cube, Sprite
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.pose import Pinhole
+from blurmatte.rendering.processing import Processing
+from blurmatte.rendering.scene import Nearby
 from blurmatte.scenes import read_shots, scene_names, scene_title
 
 PLAIN = """

@@ -8,11 +8,21 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import FileError
-from blurmatte.files import path_to_mapping, read, read_color_model, write
+from blurmatte.files.models import path_to_mapping, read_color_model
+from blurmatte.files.reading import read
+from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Ball, Camera, Nearby, Scene, Shadow, Shot, colorful_plate, render
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Scene,
+    Shot,
+    colorful_plate,
+    render,
+)
+from blurmatte.rendering.scene import Nearby, Shadow
 from blurmatte.scenes import (
     ProgramAnswer,
     find_scenes,

@@ -9,14 +9,8 @@ from tests.scenes import rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import SRGB, decode
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    colorful_plate,
-    plain_plate,
-    two_hue_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.trajectory import Trajectory
 
 SIZE = (256, 192)

@@ -10,7 +10,7 @@ from tests.scenes import rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.errors import PlateError
-from blurmatte.files import read
+from blurmatte.files.reading import read
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene
 from blurmatte.streaks import Streak, find_streak_within, find_streaks, merge_across_occluder

@@ -9,7 +9,8 @@ from PIL import Image
 from scipy import ndimage
 
 import blurmatte as bm
-from blurmatte.rendering import add_noise, colorful_plate
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.processing import add_noise
 from blurmatte.streaks import Streak
 from blurmatte.streaks.streak import dilated, expected_false, opened
 

@@ -11,7 +11,8 @@ from tests.scenes import rendered as rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior

@@ -8,10 +8,11 @@ from numpy.testing import assert_allclose
 from tests import scenes
 from tests.sweep.scenes import FLAT, FLAT_BEFORE_TILES, LINE, degrees_between, photographed
 
-from blurmatte.color import fit_color_from_hues
+from blurmatte.color.streak import fit_color_from_hues
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import Meta
-from blurmatte.rendering import Ball, Camera, Scene, plain_plate
+from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import find_streaks, require_streaks
 from blurmatte.sweep import fit_color, fit_sweep
 from blurmatte.sweep.color_fit import color_of

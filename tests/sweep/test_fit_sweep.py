@@ -32,21 +32,22 @@ from tests.sweep.scenes import (
 
 from blurmatte.background import make_plate
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
-from blurmatte.files import read, read_frames, write_frames
+from blurmatte.files.frames import read_frames, write_frames
+from blurmatte.files.reading import read
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
-    Change,
     Scene,
-    Shadow,
-    Sheet,
     Shot,
     colorful_plate,
-    plain_plate,
 )
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Shadow
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import fit_disc, fit_hypotheses, fit_sweep
 from blurmatte.sweep.fit.multistart import Multistart

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from tests.scenes import rendered
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting import solve
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate

@@ -12,7 +12,8 @@ import blurmatte as bm
 from blurmatte.calibration import with_noise
 from blurmatte.errors import PlateError, TransferWarning
 from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, decode, gamma
-from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.sweep import TransferFit, fit_sweep, fit_transfer
 from blurmatte.sweep.transfer_fit import with_unstated_curves
 from blurmatte.trajectory import Trajectory

@@ -16,17 +16,16 @@ from blurmatte.checks import Floats
 from blurmatte.matting import Solver
 from blurmatte.rendering import (
     Ball,
-    Body,
     Camera,
-    Change,
     Scene,
-    Sheet,
     Shot,
     colorful_plate,
-    plain_plate,
     render,
-    star_sprite,
 )
+from blurmatte.rendering.flat_bodies import Sheet, star_sprite
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Body
 
 SIZE = (96, 72)
 TILES = colorful_plate(SIZE, 1, tile=16)

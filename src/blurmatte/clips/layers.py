@@ -9,8 +9,10 @@ from pathlib import Path
 from shutil import copyfile
 
 from blurmatte.clips.table import FrameRecord
-from blurmatte.files import read_layer, write, write_frames
 from blurmatte.files.atomic import replacing
+from blurmatte.files.frames import write_frames
+from blurmatte.files.reading import read_layer
+from blurmatte.files.writing import write
 from blurmatte.formats import Writes, written
 from blurmatte.layer import Layer, empty_layer
 from blurmatte.motion.clip.solving import FrameSolver, FrameToSolve

@@ -21,15 +21,19 @@ from blurmatte.clips.layers import (
 )
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
 from blurmatte.clips.table import FrameRecord
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
 from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import saved_in_words, without_layer_in_words
-from blurmatte.figures import Matte, draw_clip, draw_parallax
-from blurmatte.files import Frames, read_layer, require_parquet, write
+from blurmatte.figures import draw_clip
+from blurmatte.figures.clip import Matte
+from blurmatte.figures.solution import draw_parallax
 from blurmatte.files.clip_decoding import video_library
-from blurmatte.matting import Grade
+from blurmatte.files.frames import Frames
+from blurmatte.files.reading import read_layer
+from blurmatte.files.writing import require_parquet, write
 from blurmatte.matting.case import Solver
+from blurmatte.matting.maps import Grade
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.solving import check_clip_solver

@@ -29,7 +29,8 @@ from blurmatte.files.raster import Raster, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
 from blurmatte.formats import EXR, JPEG, MAX_PIXELS, RAW, Writes, written
-from blurmatte.jpeg import JpegError, jpeg_bytes, metadata_segments, read_jpeg, replace_blocks
+from blurmatte.jpeg.coding import jpeg_bytes, read_jpeg, replace_blocks
+from blurmatte.jpeg.structure import JpegError, metadata_segments
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
 

@@ -41,7 +41,7 @@ from blurmatte.files.png import MAX_TEXT_BYTES, png_chunks, save_chunks
 from blurmatte.files.raster import IS_SRGB, Raster
 from blurmatte.files.raster_writing import save_pixels
 from blurmatte.formats import JPEG, PNG, TIFF
-from blurmatte.jpeg import metadata_segments
+from blurmatte.jpeg.structure import metadata_segments
 from blurmatte.radiometry.transfer import SRGB
 
 _XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"

@@ -34,7 +34,7 @@ from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbe
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import BMP, EXR, FITS, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
-from blurmatte.jpeg import JpegError, check_header, metadata_segments
+from blurmatte.jpeg.structure import JpegError, check_header, metadata_segments
 from blurmatte.radiometry.sensor import Orientation, exif_orientation
 
 # Other attributes are not read: they may hold text in an unknown encoding.

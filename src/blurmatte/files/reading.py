@@ -19,7 +19,7 @@ from blurmatte.files.icc import Profile
 from blurmatte.files.raster import Raster, load
 from blurmatte.files.raw import read_raw
 from blurmatte.formats import JPEG, MAX_PIXELS, RAW
-from blurmatte.jpeg import compression_of
+from blurmatte.jpeg.coding import compression_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.image import LinearImage, Meta, decode

@@ -13,16 +13,12 @@ from blurmatte.motion.clip.linking import link_sightings as link_sightings
 from blurmatte.motion.clip.measure import sightings as sightings
 from blurmatte.motion.clip.positions_3d import BallPlace as BallPlace
 from blurmatte.motion.clip.positions_3d import places_in_space as places_in_space
-from blurmatte.motion.clip.steps import measure_clip as measure_clip
-from blurmatte.motion.clip.steps import solve_clip as solve_clip
 from blurmatte.motion.clip.summary import Scatter as Scatter
 from blurmatte.motion.clip.summary import frame_scatter as frame_scatter
 from blurmatte.motion.clip.workers import Workers as Workers
 from blurmatte.motion.picture.measure import EndSilhouettes as EndSilhouettes
 from blurmatte.motion.picture.measure import end_silhouettes as end_silhouettes
-from blurmatte.motion.picture.measure import measure_motion as measure_motion
 from blurmatte.motion.picture.motion import Motion as Motion
-from blurmatte.motion.picture.motion import Scale as Scale
 from blurmatte.motion.picture.motion import Speed as Speed
 from blurmatte.motion.space.ball import fit_ball as fit_ball
 from blurmatte.motion.space.ball import measure_ball as measure_ball

@@ -1,37 +1,9 @@
 """Renderer of motion-blurred scenes with ground truth, for tests, examples and benchmarks."""
 
 from blurmatte.rendering.ball import Ball as Ball
-from blurmatte.rendering.ball import render_flight as render_flight
 from blurmatte.rendering.camera import Camera as Camera
-from blurmatte.rendering.flat_bodies import Cube as Cube
-from blurmatte.rendering.flat_bodies import Sheet as Sheet
-from blurmatte.rendering.flat_bodies import Sprite as Sprite
-from blurmatte.rendering.flat_bodies import star_sprite as star_sprite
-from blurmatte.rendering.lighting import Lamp as Lamp
-from blurmatte.rendering.plates import PHOTOS as PHOTOS
 from blurmatte.rendering.plates import colorful_plate as colorful_plate
-from blurmatte.rendering.plates import photo_plate as photo_plate
-from blurmatte.rendering.plates import plain_plate as plain_plate
-from blurmatte.rendering.plates import striped_plate as striped_plate
-from blurmatte.rendering.plates import textured_plate as textured_plate
-from blurmatte.rendering.plates import two_hue_plate as two_hue_plate
-from blurmatte.rendering.plates import wire_fence as wire_fence
-from blurmatte.rendering.pose import AT_REST as AT_REST
-from blurmatte.rendering.pose import CameraView as CameraView
-from blurmatte.rendering.pose import Change as Change
-from blurmatte.rendering.pose import Pinhole as Pinhole
-from blurmatte.rendering.pose import Pose as Pose
-from blurmatte.rendering.pose import path_in_depth as path_in_depth
-from blurmatte.rendering.processing import Processing as Processing
-from blurmatte.rendering.processing import add_noise as add_noise
-from blurmatte.rendering.processing import encode_codes as encode_codes
-from blurmatte.rendering.processing import through_h264 as through_h264
 from blurmatte.rendering.render import Rendering as Rendering
 from blurmatte.rendering.render import render as render
-from blurmatte.rendering.scene import Body as Body
-from blurmatte.rendering.scene import Nearby as Nearby
 from blurmatte.rendering.scene import Scene as Scene
-from blurmatte.rendering.scene import Shadow as Shadow
-from blurmatte.rendering.shot import Drift as Drift
 from blurmatte.rendering.shot import Shot as Shot
-from blurmatte.rendering.shot import photograph_pair as photograph_pair

@@ -6,7 +6,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Codes, Floats, check_light, check_not_negative
-from blurmatte.jpeg import compression_of
+from blurmatte.jpeg.coding import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.sensor import variance_shares
 from blurmatte.rendering.coverage import disc_kernel

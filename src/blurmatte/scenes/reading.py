@@ -16,34 +16,30 @@ from typing import Any
 import numpy as np
 
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer
 from blurmatte.files.documents import parse_toml, read_document
+from blurmatte.files.reading import read, read_layer
 from blurmatte.radiometry import SRGB, NoiseModel, named_transfer
 from blurmatte.rendering import (
     Ball,
     Camera,
-    Change,
-    Cube,
-    Drift,
-    Lamp,
-    Nearby,
-    Pinhole,
-    Processing,
     Scene,
-    Shadow,
-    Sheet,
     Shot,
-    Sprite,
     colorful_plate,
-    path_in_depth,
+)
+from blurmatte.rendering.flat_bodies import Cube, Sheet, Sprite, star_sprite
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.plates import (
     photo_plate,
     plain_plate,
-    star_sprite,
     striped_plate,
     textured_plate,
     two_hue_plate,
     wire_fence,
 )
+from blurmatte.rendering.pose import Change, Pinhole, path_in_depth
+from blurmatte.rendering.processing import Processing
+from blurmatte.rendering.scene import Nearby, Shadow
+from blurmatte.rendering.shot import Drift
 from blurmatte.trajectory import Trajectory
 
 MAX_RENDERED_PIXELS = 25_000_000  # a renderer holds some 400 bytes for each

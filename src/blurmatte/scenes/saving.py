@@ -35,11 +35,13 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import Codes8, check_kind
-from blurmatte.files import path_to_mapping, write_together
 from blurmatte.files.atomic import replacing
+from blurmatte.files.models import path_to_mapping
+from blurmatte.files.writing import write_together
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.rendering import Camera, Rendering, Shot, encode_codes, render
+from blurmatte.rendering import Camera, Rendering, Shot, render
+from blurmatte.rendering.processing import encode_codes
 from blurmatte.scenes.reading import read_shots, scene_names, scene_text
 
 SUBFRAMES = 8  # as in the benchmark of fast-moving objects

@@ -8,24 +8,26 @@ import numpy as np
 
 from blurmatte.checks import Floats, check_kind, check_same_size
 from blurmatte.errors import FileError
-from blurmatte.files import read, read_layer, read_path, read_solution
+from blurmatte.files.models import read_path
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.solutions import read_solution
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
-from blurmatte.metrics import (
-    ColorDistance,
+from blurmatte.metrics.alpha import (
     alpha_gradient_error,
     alpha_rmse,
     alpha_sad,
     alpha_sum_bias,
     calibration,
-    color_distance,
     false_alpha,
+)
+from blurmatte.metrics.color import (
+    ColorDistance,
+    color_distance,
     premultiplied_rmse,
     recomposite_psnr,
-    subframe_psnr,
-    subframe_ssim,
-    trajectory_iou,
 )
+from blurmatte.metrics.motion import subframe_psnr, subframe_ssim, trajectory_iou
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory

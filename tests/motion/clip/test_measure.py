@@ -8,22 +8,24 @@ from numpy.testing import assert_allclose
 from tests.motion.clip.sightings import sighted
 from tests.scenes import rendered
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.explain import explain
 from blurmatte.motion import (
     FrameMotion,
     FrameSightings,
-    Scale,
     clip_color,
     fit_fall,
     link_sightings,
-    measure_clip,
     sightings,
 )
 from blurmatte.motion.clip.color import seen_color
+from blurmatte.motion.clip.steps import measure_clip
+from blurmatte.motion.picture.motion import Scale
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, LinearImage, decode, light_of_hex
-from blurmatte.rendering import Ball, Camera, Scene, Shadow, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
 
 SIZE, FRAMES, RATE = (160, 120), 7, 30

@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from tests.scenes import rendered
 
-from blurmatte.matting import Swept
-from blurmatte.motion import measure_motion, solve_clip
+from blurmatte.matting.hypotheses import Swept
+from blurmatte.motion.clip.steps import solve_clip
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene, textured_plate
+from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.sweep import OpacityPrior
 from blurmatte.trajectory import Trajectory
 

@@ -15,7 +15,8 @@ from blurmatte.motion.space.ball_motion import ball_motion
 from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.radiometry.coded import coded
-from blurmatte.rendering import colorful_plate, render_flight
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.ball import render_flight
 
 LENS = bm.Intrinsics(900, 905, 640, 360, np.array([-0.1, 0.02, 1e-3, 0]))
 RADIUS = 0.03

@@ -11,7 +11,7 @@ import blurmatte as bm
 from blurmatte.calibration import with_noise
 from blurmatte.motion.clip.measure import radius_spread
 from blurmatte.radiometry import REC709, SRGB, LinearImage, Meta
-from blurmatte.rendering import plain_plate
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.sweep.fit_sweep import fit_disc
 
 RADIUS = 13.0

@@ -7,7 +7,7 @@ from itertools import islice
 import numpy as np
 import pytest
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.motion import Workers
 from blurmatte.motion.clip.color import _ROUND_STARTS, _decided, _largest_group, _log_odds
 from blurmatte.motion.clip.workers import spread_out

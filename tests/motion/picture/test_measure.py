@@ -8,12 +8,13 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 from tests.scenes import photographed, solution_of
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import MotionError
-from blurmatte.files import read_solution, write
+from blurmatte.files.solutions import read_solution
+from blurmatte.files.writing import write
 from blurmatte.matting import solve
-from blurmatte.motion import end_silhouettes, measure_motion
-from blurmatte.motion.picture.measure import motion_of_sweep
+from blurmatte.motion import end_silhouettes
+from blurmatte.motion.picture.measure import measure_motion, motion_of_sweep
 from blurmatte.motion.picture.motion import QUANTITIES
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
 from blurmatte.sweep import Sweep

@@ -9,8 +9,8 @@ from scipy.optimize import brentq
 
 from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import MotionError
-from blurmatte.motion import Motion, Scale
-from blurmatte.motion.picture.motion import QUANTITIES
+from blurmatte.motion import Motion
+from blurmatte.motion.picture.motion import QUANTITIES, Scale
 from blurmatte.trajectory import Trajectory
 
 MPH = 1609.344 / 3600

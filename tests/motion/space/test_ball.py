@@ -15,8 +15,8 @@ from blurmatte.motion.space.perspective_ball import (
     positions_of_discs,
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import colorful_plate, render_flight
-from blurmatte.rendering.ball import outline_of
+from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.ball import outline_of, render_flight
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE, PARABOLA

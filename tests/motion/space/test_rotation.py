@@ -10,8 +10,10 @@ from tests.scenes import rendered, solution_of
 import blurmatte as bm
 from blurmatte.motion.space.rotation import _check_same, _Trial
 from blurmatte.motion.space.rotation_fit import Blades, RingPixels, ramp
-from blurmatte.rendering import Change, Sheet, colorful_plate
+from blurmatte.rendering import colorful_plate
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import Silhouette
 

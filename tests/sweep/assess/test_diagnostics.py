@@ -19,7 +19,9 @@ from tests.sweep.scenes import (
     observed,
 )
 
-from blurmatte.rendering import Ball, Change, Sheet
+from blurmatte.rendering import Ball
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.ranking import (

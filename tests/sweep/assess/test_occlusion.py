@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from blurmatte.layer import Layer
-from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate, render
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.sweep.assess.occlusion import mean_of_neighbors, occluded
 from blurmatte.trajectory import Trajectory
 

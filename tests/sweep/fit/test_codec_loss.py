@@ -25,7 +25,8 @@ from blurmatte.radiometry import REC709, SRGB, CodingError, LinearImage
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding, lost_change
 from blurmatte.radiometry.image import Meta
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
-from blurmatte.rendering import Ball, Camera, Scene, textured_plate
+from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep import fit_disc
 from blurmatte.sweep.assess.diagnostics import sweep_of

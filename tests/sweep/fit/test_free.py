@@ -9,7 +9,7 @@ from tests.scenes import noisy, rendered
 from tests.sweep.scenes import GREEN, ONE_PAINT
 
 import blurmatte as bm
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.files.models import sweep_from_json, sweep_to_json
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Scene, colorful_plate

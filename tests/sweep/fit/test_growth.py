@@ -23,7 +23,8 @@ from tests.sweep.scenes import (
     within,
 )
 
-from blurmatte.rendering import Ball, Change, Scene
+from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.outline import fit_growing, growing
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA

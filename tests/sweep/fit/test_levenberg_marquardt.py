@@ -24,7 +24,7 @@ from tests.sweep.scenes import (
 )
 from tests.sweep.scenes import TIMES as T
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA

@@ -23,7 +23,9 @@ from tests.sweep.scenes import (
     within,
 )
 
-from blurmatte.rendering import Ball, Change, Scene, Sheet
+from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.outline import changing, fit_outline, outlined, stretched, turning
 from blurmatte.sweep.model.path import LINE

@@ -10,7 +10,9 @@ from blurmatte.calibration import with_noise
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, decode
 from blurmatte.radiometry.image import counted_once
-from blurmatte.rendering import Ball, Lamp, Scene, plain_plate
+from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.lighting import Lamp
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import start_along

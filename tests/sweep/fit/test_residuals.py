@@ -20,7 +20,8 @@ from tests.sweep.scenes import (
     observed,
 )
 
-from blurmatte.rendering import Change, Sheet
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.ranking import (
     colors_are_correlated,

@@ -10,14 +10,10 @@ from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Change,
-    Scene,
-    Shadow,
-    plain_plate,
-    textured_plate,
-)
+from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.plates import plain_plate, textured_plate
+from blurmatte.rendering.pose import Change
+from blurmatte.rendering.scene import Shadow
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart, start_along

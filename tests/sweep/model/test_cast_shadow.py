@@ -7,7 +7,9 @@ import numpy as np
 from numpy.testing import assert_allclose
 
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Scene, Shadow, plain_plate, render
+from blurmatte.rendering import Ball, Scene, render
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.scene import Shadow
 from blurmatte.streaks import Streak
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_field import ColorPrior

@@ -9,7 +9,8 @@ from scipy.ndimage import gaussian_filter
 from tests.scenes import rendered
 
 from blurmatte.radiometry import REC709, SRGB, LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate
 from blurmatte.sweep.model.chroma_subsampling import (
     ChromaBlur,
     Compressed,

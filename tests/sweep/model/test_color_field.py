@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.sweep.model.color_field import ColorPrior, Grid, fit_field
 from blurmatte.sweep.model.student_t import student_weight
 

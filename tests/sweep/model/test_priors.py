@@ -5,7 +5,9 @@ import pytest
 from tests.scenes import rendered
 
 import blurmatte as bm
-from blurmatte.rendering import Ball, Scene, Shadow, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Scene, colorful_plate
+from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.scene import Shadow
 from blurmatte.sweep import MotionPrior, PathPrior, fit_hypotheses
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 from blurmatte.sweep.model.path import LINE, PARABOLA

@@ -137,7 +137,7 @@ def measure_rotation(
 
     Examples
     --------
-    >>> from blurmatte.rendering import Sheet
+    >>> from blurmatte.rendering.flat_bodies import Sheet
     >>> from blurmatte.rendering.pose import Change
     >>> still = bm.Trajectory.line((64, 36), (64, 36))
     >>> turn = Change(spin=(0, 0, 0.7))  # radians
