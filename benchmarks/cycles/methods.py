@@ -12,7 +12,8 @@ import numpy as np
 from benchmarks.accuracy import against_other_methods as against
 from benchmarks.accuracy.against_other_methods import Case
 
-from blurmatte.background import Matching, match_plate
+from blurmatte.background import Matching
+from blurmatte.background.fit_match import match_plate
 from blurmatte.calibration import with_noise
 from blurmatte.layer import Layer
 from blurmatte.matting import Quality, Smooth, SolutionStats, solve

@@ -16,8 +16,8 @@ from blurmatte import results as results
 from blurmatte import scenes as scenes
 from blurmatte import streaks as streaks
 from blurmatte import sweep as sweep
-from blurmatte.background import match_plate as match_plate
-from blurmatte.background import make_plate as make_plate
+from blurmatte.background.fit_match import match_plate as match_plate
+from blurmatte.background.plate import make_plate as make_plate
 from blurmatte.color.model import ColorModel as ColorModel
 from blurmatte.clips import save_clip as save_clip
 from blurmatte.compositing.background import remove as remove

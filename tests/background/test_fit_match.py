@@ -5,7 +5,7 @@ import pytest
 from tests.scenes import rendered
 
 import blurmatte as bm
-from blurmatte.background import agreement
+from blurmatte.background.fit_match import agreement
 from blurmatte.calibration import with_noise
 from blurmatte.rendering import colorful_plate
 from blurmatte.rendering.plates import plain_plate

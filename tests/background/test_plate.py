@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.background import make_plate
+from blurmatte.background.plate import make_plate
 from blurmatte.errors import PlateError
 from blurmatte.files.frames import read_frames
 from blurmatte.radiometry import REC709, SRGB, LinearImage, decode

@@ -6,7 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 from tests.handheld import fine_scene, noisy, shown, similarity
 
-from blurmatte.background import camera_path, make_plate, parallax_between
+from blurmatte.background import parallax_between
+from blurmatte.background.parallax import camera_path
+from blurmatte.background.plate import make_plate
 from blurmatte.background.registration import register_frames, show_one_scene
 from blurmatte.background.warp import Warp, composed, inverse
 from blurmatte.errors import PlateError

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from blurmatte.background import find_shots
-from blurmatte.background.shots import thumbnail
+from blurmatte.background.shots import find_shots, thumbnail
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import coded
 

@@ -9,7 +9,8 @@ from tests.commands import run
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
 
 import blurmatte as bm
-from blurmatte.background import CameraPath, ClipShot
+from blurmatte.background import ClipShot
+from blurmatte.background.registration import CameraPath
 from blurmatte.background.shots import joined_shots
 from blurmatte.background.warp import PixelGrid, Warp, inverse
 from blurmatte.motion.picture.motion import QUANTITIES

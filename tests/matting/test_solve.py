@@ -9,7 +9,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from tests.scenes import photographed, rendered
 
-from blurmatte.background import Matching, make_plate
+from blurmatte.background import Matching
+from blurmatte.background.plate import make_plate
 from blurmatte.calibration import fit_noise, with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import (

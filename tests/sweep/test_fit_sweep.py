@@ -30,7 +30,7 @@ from tests.sweep.scenes import (
     rendered,
 )
 
-from blurmatte.background import make_plate
+from blurmatte.background.plate import make_plate
 from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError

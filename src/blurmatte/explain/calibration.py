@@ -4,7 +4,8 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from blurmatte.background import CameraPath, ParallaxRegion, PlateFit
+from blurmatte.background import ParallaxRegion, PlateFit
+from blurmatte.background.registration import CameraPath
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.explain.numbers import channels
 from blurmatte.radiometry import SRGB, Transfer, nearest_transfer

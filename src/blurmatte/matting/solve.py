@@ -5,7 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.background import Matching, PlateGuess, agreement, fit_match
+from blurmatte.background import Matching, PlateGuess, fit_match
+from blurmatte.background.fit_match import agreement
 from blurmatte.calibration import with_noise
 from blurmatte.checks import (
     Bools,

@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.background import CameraPath, Matching
+from blurmatte.background import Matching
+from blurmatte.background.registration import CameraPath
 from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.streak import check_not_gray

@@ -10,17 +10,11 @@ from functools import partial
 
 import numpy as np
 
-from blurmatte.background import (
-    CameraMotionError,
-    CameraPath,
-    CutError,
-    camera_path,
-    camera_path_after,
-    looks_alike,
-    max_coded_samples,
-    plate_for_clip,
-    plate_on_canvas,
-)
+from blurmatte.background.camera_motion import CameraMotionError, looks_alike
+from blurmatte.background.parallax import camera_path
+from blurmatte.background.plate import camera_path_after, plate_for_clip, plate_on_canvas
+from blurmatte.background.registration import CameraPath
+from blurmatte.background.samples import CutError, max_coded_samples
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Bools, Box, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel

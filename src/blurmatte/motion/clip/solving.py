@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from blurmatte.background import CameraPath, Matching
+from blurmatte.background import Matching
+from blurmatte.background.registration import CameraPath
 from blurmatte.checks import Array, Bools, Box, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning

@@ -11,15 +11,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Protocol, TypeVar, runtime_checkable
 
-from blurmatte.background import (
-    CameraPath,
-    ClipShot,
-    find_shots,
-    joined_shots,
-    show_one_scene,
-    thumbnail,
-)
-from blurmatte.background.shots import Thumbnail
+from blurmatte.background import ClipShot
+from blurmatte.background.registration import CameraPath, show_one_scene
+from blurmatte.background.shots import Thumbnail, find_shots, joined_shots, thumbnail
 from blurmatte.checks import Bools, Direction, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
