@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 import pytest
+from benchmarks.rendered import add_noise
 from PIL import Image
 from tests.commands import complaint, good, run
 from tests.scenes import rendered
@@ -26,7 +27,6 @@ from blurmatte.cli.console import ExitCode, swatches
 from blurmatte.explain.grade import grade_in_words
 from blurmatte.matting.summary import Alternative
 from blurmatte.rendering import colorful_plate
-from blurmatte.rendering.processing import add_noise
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
 COLOR = "#ffbc43"

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from benchmarks.rendered import add_noise
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Floats
@@ -19,7 +20,7 @@ from blurmatte.color import published_color_line
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, Transfer
-from blurmatte.rendering.processing import add_noise, encode_codes
+from blurmatte.rendering.processing import encode_codes
 from blurmatte.streaks import require_streaks
 
 Array = npt.NDArray[np.float64]

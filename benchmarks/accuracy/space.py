@@ -11,6 +11,7 @@ Run: python -m benchmarks.accuracy.space
 from dataclasses import dataclass
 
 import numpy as np
+from benchmarks.rendered import render_flight
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import CODE, median, over_seeds
 
@@ -20,7 +21,6 @@ from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion import BallMotion, fit_ball, measure_ball
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import Camera, colorful_plate
-from blurmatte.rendering.ball import render_flight
 from blurmatte.sweep import fit_sweep
 
 SIZE = (360, 260)

@@ -5,12 +5,12 @@ import json
 
 import numpy as np
 import pytest
+from benchmarks.rendered import render_flight
 from PIL import Image
 from tests import commands
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
-from blurmatte.rendering.ball import render_flight
 
 SIZE, RATE, EXPOSURE, RADIUS, FRAMES = (240, 180), 60, 1 / 120, 0.02, 6
 LENS = bm.Intrinsics(600, 602, 118, 91, np.array([-0.1, 0.03, 1e-3, -5e-4]), size=SIZE)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from benchmarks.rendered import add_noise
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.background import Matching
@@ -11,7 +12,6 @@ from blurmatte.matting import Pixelwise, solve
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import colorful_plate
-from blurmatte.rendering.processing import add_noise
 from blurmatte.streaks import Streak
 
 RED, BLUE = np.array([0.8, 0.15, 0.1]), np.array([0.1, 0.3, 0.7])

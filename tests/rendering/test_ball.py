@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from benchmarks.rendered import render_flight
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import map_coordinates
 
 from blurmatte import Intrinsics
 from blurmatte.rendering import Ball
-from blurmatte.rendering.ball import render_flight
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.pose import AT_REST, Change, Pose
 

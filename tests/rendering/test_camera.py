@@ -5,13 +5,14 @@ import re
 
 import numpy as np
 import pytest
+from benchmarks.rendered import add_noise
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
 from blurmatte.files.reading import read
 from blurmatte.radiometry import LINEAR, SRGB, NoiseModel
 from blurmatte.rendering import Camera, colorful_plate
-from blurmatte.rendering.processing import add_noise, encode_codes
+from blurmatte.rendering.processing import encode_codes
 
 LIGHT = np.array([0.05, 0.2, 0.6])
 NOISE = NoiseModel(gain=2e-4, read_std=0.002, relative_std=0.003)

@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from benchmarks.rendered import render_flight
 from numpy.testing import assert_allclose
 
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.rendering import Ball, Scene, render
-from blurmatte.rendering.ball import render_flight
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import plain_plate

@@ -3,13 +3,13 @@
 from functools import lru_cache
 
 import numpy as np
+from benchmarks.rendered import add_noise
 
 from blurmatte.color.model import ColorModel
 from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Shot, render
-from blurmatte.rendering.processing import add_noise
 
 RED = ColorModel.from_hex("#ff0000")
 

@@ -4,13 +4,13 @@ import io
 
 import numpy as np
 import pytest
+from benchmarks.rendered import add_noise
 from numpy.testing import assert_array_equal
 from PIL import Image
 from scipy import ndimage
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
-from blurmatte.rendering.processing import add_noise
 from blurmatte.streaks import Streak
 from blurmatte.streaks.streak import dilated, expected_false, opened
 

@@ -1,28 +1,19 @@
-"""Ball: a shaded sphere, plain, banded or textured, under one or more lamps.
-
-A ball may move in space in front of a calibrated camera: ground truth for 3-D measurements. The
-outline of the ball is projected point by point, with all distortion of the camera.
-"""
+"""Ball: a shaded sphere, plain, banded or textured, under one or more lamps."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.checks import (
     Array,
-    Floats,
     check_finite,
     check_light,
     check_not_negative,
     check_positive,
 )
 from blurmatte.color.model import ColorModel
-from blurmatte.intrinsics import Intrinsics
-from blurmatte.layer import Layer
-from blurmatte.radiometry import LinearImage
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage, shade
 from blurmatte.rendering.lighting import (
     Lamp,
@@ -254,52 +245,3 @@ def _check_texture(given: Array) -> Array:
     if texture.min() < 0 or not texture.any():
         raise ValueError(f"texture must not be negative nor all 0, its least is {texture.min()}")
     return np.array(texture, dtype=float, order="C")
-
-
-def render_flight(
-    plate: Floats,
-    intrinsics: Intrinsics,
-    positions: npt.ArrayLike,
-    radius: float,
-    color: npt.ArrayLike,
-) -> tuple[LinearImage, Layer]:
-    """Render a ball of one flat color in flight exactly, with its true layer.
-
-    The outline is a polygon of 360 vertices, exact to 3e-5 of the radius. Raises ValueError if the
-    ball is behind the camera or reaches it.
-
-    positions (T, 3): of its center at the middles of T equal parts of the exposure, meters, in camera
-        coordinates.
-    radius: meters.
-    color (3,): linear light, like the plate's.
-    """
-    X = np.asarray(positions, dtype=float)
-    if np.any(X[:, 2] <= radius):
-        raise ValueError("positions must be in front of the camera by more than the radius")
-    height, width = plate.shape[:2]
-    alpha = np.zeros((height, width))
-    for center in X:
-        outline = intrinsics.project(outline_of(center, radius, 360))
-        x0, y0 = np.clip(np.floor(outline.min(axis=0)) - 1, 0, (width, height)).astype(int)
-        x1, y1 = np.clip(np.ceil(outline.max(axis=0)) + 2, 0, (width, height)).astype(int)
-        if x0 < x1 and y0 < y1:
-            edges = cell_edges(np.arange(x0, x1)), cell_edges(np.arange(y0, y1))
-            alpha[y0:y1, x0:x1] += polygon_coverage(*edges, outline) / len(X)
-    alpha = np.minimum(alpha, 1)
-    layer = Layer(alpha, alpha[..., None] * check_color("color", color))
-    return layer.over(LinearImage(np.asarray(plate, float))), layer
-
-
-def outline_of(center: Array, radius: float, count: int) -> Array:
-    """(count, 3) points on the rim of a sphere as seen by a pinhole at the origin.
-
-    Tangent rays touch the sphere on its circle of intersection with the sphere whose diameter is the
-    segment from the pinhole to the center (Thales).
-    """
-    distance = float(np.linalg.norm(center))
-    towards = center / distance
-    across = np.linalg.svd(towards[None])[2][1:]
-    sine = radius / distance
-    angle = 2 * np.pi * np.arange(count) / count
-    circle = np.stack([np.cos(angle), np.sin(angle)], axis=1) @ across
-    return np.asarray(center * (1 - sine**2) + radius * np.sqrt(1 - sine**2) * circle)

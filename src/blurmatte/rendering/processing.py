@@ -24,7 +24,6 @@ from blurmatte.checks import (
     Codes,
     Codes8,
     Floats,
-    check_light,
     check_not_negative,
     check_positive,
 )
@@ -133,17 +132,6 @@ def _window_mean(x: Floats, window: int) -> Floats:
 def _sharpened(values: Array, amount: float, radius: float) -> Array:
     Y = values @ np.array(LUMA_WEIGHTS)
     return np.asarray(values + amount * (Y - scipy.ndimage.gaussian_filter(Y, radius))[..., None])
-
-
-def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:
-    """Add photon and read noise to light; the result has the shape and dtype of `light`.
-
-    Both are drawn together from a normal distribution with their variance at the exact light: a good
-    approximation above about 20 electrons per pixel (light > 20 · gain). The parameters are those of
-    `Camera.photograph`.
-    """
-    light = check_light("light", light)
-    return np.asarray(noisy(light, noise, np.random.default_rng(rng)), dtype=light.dtype)
 
 
 def noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:

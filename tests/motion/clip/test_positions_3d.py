@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from benchmarks.rendered import render_flight
 from numpy.testing import assert_allclose
 from tests.motion.clip.sightings import sighted
 
@@ -16,7 +17,6 @@ from blurmatte.motion.space.perspective_ball import positions, positions_of_disc
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.radiometry.coded import coded
 from blurmatte.rendering import colorful_plate
-from blurmatte.rendering.ball import render_flight
 
 LENS = bm.Intrinsics(900, 905, 640, 360, np.array([-0.1, 0.02, 1e-3, 0]))
 RADIUS = 0.03

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from benchmarks.rendered import outline_of, render_flight
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
@@ -16,7 +17,6 @@ from blurmatte.motion.space.perspective_ball import (
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import colorful_plate
-from blurmatte.rendering.ball import outline_of, render_flight
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE, PARABOLA
