@@ -5,8 +5,6 @@ A format that is not read has a remedy. A new format is a row of `FORMATS`; for 
 function that reads it, by the library in `reader`.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass
 from enum import Enum, Flag, auto

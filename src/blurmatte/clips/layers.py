@@ -1,7 +1,5 @@
 """Layer files of a clip: one for each frame, written by the process that solves it."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass

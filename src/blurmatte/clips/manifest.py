@@ -5,8 +5,6 @@ settings. Each other line is a checksum and a JSON object. A line that is damage
 a run was killed, is removed with all after it, and their work is done again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

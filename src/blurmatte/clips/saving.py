@@ -1,7 +1,5 @@
 """save_clip: a clip → a layer for each frame with an object, a table, a report and a sheet."""
 
-from __future__ import annotations
-
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence

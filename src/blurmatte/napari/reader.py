@@ -3,8 +3,6 @@
 A reader gives tuples of data, options and the kind of layer. Points are (y, x) there.
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path

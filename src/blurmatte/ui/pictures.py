@@ -1,7 +1,5 @@
 """Pictures for the page: as tiles of linear light, and as numbers."""
 
-from __future__ import annotations
-
 import io
 import warnings
 from collections import OrderedDict

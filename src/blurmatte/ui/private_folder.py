@@ -1,7 +1,5 @@
 """The private folder of a session, locked, so that the next session sees whether it is in use."""
 
-from __future__ import annotations
-
 import html
 import os
 import shutil

@@ -3,8 +3,6 @@
 The server imports this module for its messages, so NumPy is imported in the processes alone.
 """
 
-from __future__ import annotations
-
 import asyncio
 import io
 import multiprocessing

@@ -4,8 +4,6 @@ Every request needs this host and port, and whatever is not the page itself the 
 which only the URL that was printed holds, in its fragment.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import json

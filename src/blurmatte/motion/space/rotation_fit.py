@@ -11,8 +11,6 @@ Each blade of a rigid object lies between two curves φ(ρ), sums of a few power
 is the difference of two ramps of width ω, both averaged over the pixel's angular width 1/ρ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
