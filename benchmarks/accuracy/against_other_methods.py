@@ -31,7 +31,8 @@ from blurmatte.layer import Layer
 from blurmatte.matting import solve
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import render
-from blurmatte.scenes import ProgramAnswer, Score, Truth, read_shots, score
+from blurmatte.scenes import ProgramAnswer, Score, read_shots, score
+from blurmatte.scenes.score import Truth
 
 SCENES = (
     "easy", "plain_wall", "two_hues", "glossy", "two_paints", "painted", "dice", "stick", "star",

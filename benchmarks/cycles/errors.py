@@ -19,7 +19,8 @@ from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
 from blurmatte.metrics.alpha import calibration, false_alpha
 from blurmatte.metrics.motion import trajectory_iou
-from blurmatte.scenes import ProgramAnswer, Truth, score
+from blurmatte.scenes import ProgramAnswer, score
+from blurmatte.scenes.score import Truth
 from blurmatte.sweep import Sweep
 
 Array = npt.NDArray[np.float64]

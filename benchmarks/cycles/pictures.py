@@ -26,7 +26,8 @@ from blurmatte.files.reading import read, read_layer
 from blurmatte.files.writing import write, write_together
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-from blurmatte.scenes import Truth, read_truth
+from blurmatte.scenes import read_truth
+from blurmatte.scenes.score import Truth
 from blurmatte.trajectory import Trajectory
 
 Content = bytes | npt.NDArray[np.uint8] | LinearImage  # of a picture's file

@@ -24,7 +24,7 @@ from blurmatte.errors import BlurmatteError, FileError
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
-from blurmatte.scenes import Truth
+from blurmatte.scenes.score import Truth
 from blurmatte.trajectory import Trajectory
 
 LIMIT = 60.0  # CPU seconds for a picture

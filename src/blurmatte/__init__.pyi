@@ -19,7 +19,7 @@ from blurmatte import sweep as sweep
 from blurmatte.background.fit_match import match_plate as match_plate
 from blurmatte.background.plate import make_plate as make_plate
 from blurmatte.color.model import ColorModel as ColorModel
-from blurmatte.clips import save_clip as save_clip
+from blurmatte.clips.saving import save_clip as save_clip
 from blurmatte.compositing.background import remove as remove
 from blurmatte.compositing.background import retouch as retouch
 from blurmatte.deblurring import deblur as deblur
@@ -58,7 +58,7 @@ from blurmatte.radiometry import NoiseModel as NoiseModel
 from blurmatte.radiometry import decode as decode
 from blurmatte.results import save_results as save_results
 from blurmatte.streaks import find_streaks as find_streaks
-from blurmatte.sweep import fit_color as fit_color
+from blurmatte.sweep.color_fit import fit_color as fit_color
 from blurmatte.trajectory import Trajectory as Trajectory
 
 __version__: str

@@ -22,7 +22,8 @@ from blurmatte.rendering import (
 from blurmatte.rendering.flat_bodies import star_sprite
 from blurmatte.rendering.plates import plain_plate, textured_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks
-from blurmatte.sweep import fit_color, fit_sweep
+from blurmatte.sweep import fit_sweep
+from blurmatte.sweep.color_fit import fit_color
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)

@@ -19,10 +19,12 @@ from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.stats import ShadowSummary, SweepSummary
 from blurmatte.matting.summary import Alternative
-from blurmatte.sweep import Diagnostics, Sweep, path_family
+from blurmatte.sweep import Sweep
 from blurmatte.sweep.assess.calibration import REASONS as TERM_REASONS
 from blurmatte.sweep.assess.calibration import ErrorTerms
+from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import DISC
+from blurmatte.sweep.sweep import Diagnostics
 
 REASONS = tuple(dict.fromkeys(name for name in TERM_REASONS.values() if name))
 OWN = {

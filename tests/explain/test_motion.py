@@ -12,7 +12,8 @@ from blurmatte.explain.motion import spin_in_words
 from blurmatte.explain.numbers import direction
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.motion.picture.motion import Scale
-from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
 
 LINE = ("line", [20, 30, 70, 42])

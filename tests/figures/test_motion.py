@@ -8,7 +8,8 @@ from blurmatte.figures import draw_motion
 from blurmatte.figures.drawing import Palette
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import DISC
 
 SIZE = (120, 90)

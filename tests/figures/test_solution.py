@@ -16,7 +16,7 @@ from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.streaks import Streak
-from blurmatte.sweep import Diagnostics
+from blurmatte.sweep.sweep import Diagnostics
 from blurmatte.trajectory import Trajectory
 
 NOISE = NoiseModel(gain=1e-5, read_std=5e-4)

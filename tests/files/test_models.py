@@ -21,9 +21,11 @@ from blurmatte.files.models import (
 )
 from blurmatte.files.writing import write
 from blurmatte.radiometry import NoiseModel
-from blurmatte.sweep import Diagnostics, Sweep, path_family
+from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
+from blurmatte.sweep.sweep import Diagnostics
 from blurmatte.trajectory import Trajectory
 
 FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"

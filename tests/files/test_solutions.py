@@ -31,8 +31,8 @@ from blurmatte.matting.stats import (
 )
 from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import NoiseModel
-from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import ErrorTerms
+from blurmatte.sweep.sweep import Diagnostics
 
 STATS = SolutionStats(
     pixels=600,

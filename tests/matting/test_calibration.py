@@ -20,7 +20,6 @@ from blurmatte.matting.calibration import (
 )
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.stats import SolutionStats
-from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
     UNCOMPRESSED,
@@ -28,6 +27,7 @@ from blurmatte.sweep.assess.calibration import (
     ErrorTerms,
     fitted_calibration,
 )
+from blurmatte.sweep.sweep import Diagnostics
 
 SHAPE = (40, 60)
 PLAIN = Diagnostics()

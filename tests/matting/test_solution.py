@@ -11,7 +11,7 @@ from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SweepSummary
-from blurmatte.sweep import Diagnostics
+from blurmatte.sweep.sweep import Diagnostics
 
 RED = ColorModel(np.array([[1.0], [0], [0]]))
 GOOD = 0

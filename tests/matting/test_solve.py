@@ -45,7 +45,8 @@ from blurmatte.rendering import (
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks
-from blurmatte.sweep import fit_color, likeliest_streak
+from blurmatte.sweep.color_fit import fit_color
+from blurmatte.sweep.fit_sweep import likeliest_streak
 from blurmatte.trajectory import Trajectory
 
 SENSOR = NoiseModel(gain=2e-4, read_std=0.002)

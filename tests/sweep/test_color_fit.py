@@ -14,8 +14,8 @@ from blurmatte.radiometry import Meta
 from blurmatte.rendering import Ball, Camera, Scene
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import find_streaks, require_streaks
-from blurmatte.sweep import fit_color, fit_sweep
-from blurmatte.sweep.color_fit import color_of
+from blurmatte.sweep import fit_sweep
+from blurmatte.sweep.color_fit import color_of, fit_color
 from blurmatte.trajectory import Trajectory
 
 GREEN = np.array([0.25, 0.7, 0.12])

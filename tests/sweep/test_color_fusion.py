@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color.model import ColorModel
-from blurmatte.sweep import fuse_colors
+from blurmatte.color.model import ColorModel, fuse_colors
 
 POLE = np.array([0.25, 0.7, 0.12]) / np.linalg.norm([0.25, 0.7, 0.12])
 T = np.linalg.svd(POLE[:, None])[0][:, 1:]

@@ -49,9 +49,9 @@ from blurmatte.rendering.plates import plain_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.rendering.scene import Shadow
 from blurmatte.streaks import Streak, require_streaks
-from blurmatte.sweep import fit_disc, fit_hypotheses, fit_sweep
+from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.fit.multistart import Multistart
-from blurmatte.sweep.fit_sweep import evidence_again, fit_disc_colors
+from blurmatte.sweep.fit_sweep import evidence_again, fit_disc, fit_disc_colors, fit_hypotheses
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory

@@ -2,6 +2,5 @@
 
 from blurmatte.clips.saving import ClipReport as ClipReport
 from blurmatte.clips.saving import ClipRun as ClipRun
-from blurmatte.clips.saving import save_clip as save_clip
 from blurmatte.clips.table import FrameRecord as FrameRecord
 from blurmatte.motion.clip.workers import cluster_workers as cluster_workers

@@ -9,7 +9,6 @@ from blurmatte.scenes.saving import save_archive as save_archive
 from blurmatte.scenes.saving import save_shot as save_shot
 from blurmatte.scenes.score import ProgramAnswer as ProgramAnswer
 from blurmatte.scenes.score import Score as Score
-from blurmatte.scenes.score import Truth as Truth
 from blurmatte.scenes.score import find_scenes as find_scenes
 from blurmatte.scenes.score import mean_score as mean_score
 from blurmatte.scenes.score import read_answer as read_answer

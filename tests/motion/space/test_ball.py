@@ -17,10 +17,10 @@ from blurmatte.motion.space.perspective_ball import (
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import colorful_plate
-from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
+from blurmatte.sweep.sweep import Diagnostics
 
 SIZE = (190, 120)
 LENS = bm.Intrinsics(300, 303, 80, 55, np.array([-0.1, 0.05, 1e-3, -5e-4]))

@@ -28,7 +28,6 @@ from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
 from blurmatte.rendering import Ball, Camera, Scene
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.streaks import Streak
-from blurmatte.sweep import fit_disc
 from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.fit.codec_loss import (
     candidate_before_file,
@@ -37,6 +36,7 @@ from blurmatte.sweep.fit.codec_loss import (
     light_before_file,
 )
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX, Silhouette
 from blurmatte.trajectory import Trajectory

@@ -8,7 +8,8 @@ import blurmatte as bm
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.rendering.scene import Shadow
-from blurmatte.sweep import MotionPrior, PathPrior, fit_hypotheses
+from blurmatte.sweep import MotionPrior, PathPrior
+from blurmatte.sweep.fit_sweep import fit_hypotheses
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
