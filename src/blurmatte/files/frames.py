@@ -41,7 +41,7 @@ from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.compression import CodingErrors
 from blurmatte.radiometry.image import LinearImage
-from blurmatte.radiometry.transfer import Transfer
+from blurmatte.radiometry.transfer import TRANSFER_HINT, Transfer
 
 Frame = TypeVar("Frame", LinearImage, Layer)
 Thing = Layer | LinearImage | Codes8
@@ -358,9 +358,7 @@ def _frames(
     read_one: Callable[[Path, Transfer | None, int], Frame],
     decode: Callable[[Clip, range], Iterator[Frame]],
 ) -> Frames[Frame]:
-    check_kind(
-        "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
-    )
+    check_kind("transfer", transfer, Transfer | None, TRANSFER_HINT)
     if len(paths) == 1 and is_clip(paths[0]):
         clip = open_clip(paths[0], transfer, max_pixels)
         if decode is decode_layers and not clip.alpha:

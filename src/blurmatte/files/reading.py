@@ -23,7 +23,7 @@ from blurmatte.jpeg.coding import compression_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.image import LinearImage, Meta, decode
-from blurmatte.radiometry.transfer import LINEAR, Transfer
+from blurmatte.radiometry.transfer import LINEAR, TRANSFER_HINT, Transfer
 
 
 def read(
@@ -73,9 +73,7 @@ def read(
     LinearImage(throw.png, 128x72, up to 0.50, 100.0% valid)
     """
     path = Path(path)
-    check_kind(
-        "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
-    )
+    check_kind("transfer", transfer, Transfer | None, TRANSFER_HINT)
     if format_of(path) is RAW:
         if transfer not in (None, LINEAR):
             raise FileError(
@@ -123,9 +121,7 @@ def read_layer(
     >>> layer.box
     (20, 20, 99, 55)
     """
-    check_kind(
-        "transfer", transfer, Transfer | None, "use blurmatte.radiometry.named_transfer(name)"
-    )
+    check_kind("transfer", transfer, Transfer | None, TRANSFER_HINT)
     raster = load(Path(path), max_pixels)
     alpha = raster.alpha
     if alpha is None:

@@ -27,7 +27,7 @@ from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry.compression import Compression, FrameCoding
 from blurmatte.radiometry.noise_model import Noise, NoiseModel
-from blurmatte.radiometry.transfer import LINEAR, Matrix3, Transfer, light_in_srgb
+from blurmatte.radiometry.transfer import LINEAR, TRANSFER_HINT, Matrix3, Transfer, light_in_srgb
 
 VARIANCE_FLOOR = 1e-14  # light²: of rounding to 32-bit floats; guards divisions
 
@@ -375,12 +375,7 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     >>> bm.decode(codes, bm.SRGB).rgb.round(3)
     array([[[1.   , 0.216, 0.   ]]], dtype=float32)
     """
-    check_kind(
-        "transfer",
-        transfer,
-        Transfer,
-        "use blurmatte.SRGB, or blurmatte.radiometry.named_transfer(name)",
-    )
+    check_kind("transfer", transfer, Transfer, TRANSFER_HINT)
     codes, seen = without_mask(codes)
     codes = as_array("codes", codes)
     if not isinstance(codes, np.ndarray):

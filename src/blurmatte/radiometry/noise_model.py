@@ -16,7 +16,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from blurmatte.checks import MAX_LIGHT, Floats, check_kind
-from blurmatte.radiometry.transfer import Transfer
+from blurmatte.radiometry.transfer import TRANSFER_HINT, Transfer
 from blurmatte.statistics import nonnegative_least_squares
 
 PerChannel = tuple[float, float, float]
@@ -106,7 +106,7 @@ class NoiseModel(Noise):
     @classmethod
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
         """Noise of rounding to `levels` code values, to about 10 %."""
-        check_kind("transfer", transfer, Transfer, "use blurmatte.radiometry.named_transfer(name)")
+        check_kind("transfer", transfer, Transfer, TRANSFER_HINT)
         light = np.geomspace(0.005, 1, 100)
         coefficients = fit_coefficients(light, rounding_variance(light, levels, transfer))
         black = rounding_variance(np.zeros(1), levels, transfer)[0]

@@ -23,6 +23,7 @@ from blurmatte.errors import optional_library
 
 Curve = Callable[[Any], Any]
 
+TRANSFER_HINT = "use blurmatte.radiometry.named_transfer(name)"
 _CHUNK = 1 << 16  # values interpolated at a time: they fit the processor's cache
 TABLE = 16 * 255 + 1  # entries of a table: the code values of 8 bits, and 15 between each two
 # Our names, and those of OpenColorIO's transforms: curves without a change of primaries.
@@ -321,7 +322,7 @@ def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
     >>> print(f"{curve.name}, to {difference:.3f}")
     gamma2.2, to 0.002
     """
-    check_kind("curve", curve, Transfer, "use blurmatte.radiometry.named_transfer(name)")
+    check_kind("curve", curve, Transfer, TRANSFER_HINT)
     powers = (gamma(tenths / 10) for tenths in range(11, 31))
     candidates = [SRGB, REC709, LINEAR, *powers]
     light = curve.table(256)

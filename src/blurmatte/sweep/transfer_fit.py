@@ -14,6 +14,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, check_picture, gamma
+from blurmatte.radiometry.transfer import TRANSFER_HINT
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart
@@ -106,7 +107,7 @@ def fit_transfer(
     check_picture("plate", plate)
     check_streak("streak", streak)
     for curve in curves:
-        check_kind("a curve", curve, Transfer, "use blurmatte.radiometry.named_transfer(name)")
+        check_kind("a curve", curve, Transfer, TRANSFER_HINT)
     declared, other = image.meta.transfer, plate.meta.transfer
     if declared is None or other is None or declared.name != other.name:
         raise PlateError(
