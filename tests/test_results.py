@@ -2,14 +2,13 @@
 
 import json
 import os
-import resource
 import stat
-from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from PIL import Image
+from tests.disk import room_for
 from tests.scenes import noisy, rendered
 
 import blurmatte as bm
@@ -42,17 +41,6 @@ def solved():
 
 def content(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
-
-
-@contextmanager
-def room_for(size):
-    """A disk that is full after `size` bytes of any one file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 def test_all_files_are_written_and_round_trip(tmp_path, solved):

@@ -1,10 +1,8 @@
 """Small files, written here or by other programs, that blurmatte.files must read."""
 
-import resource
 import struct
 import zlib
 from collections.abc import Callable
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -164,19 +162,3 @@ def make_profile() -> Callable[..., bytes]:
 def curve():
     """Builders of the two kinds of ICC curve tags."""
     return {"curv": curv, "para": para}
-
-
-@contextmanager
-def full_disk(size):
-    """A disk that is full after `size` bytes of any one file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.fixture(scope="session")
-def room_for():
-    return full_disk

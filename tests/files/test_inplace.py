@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from PIL import ExifTags, Image, ImageCms, ImageOps
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
+from tests.disk import room_for
 
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.inplace import write_changed
@@ -663,7 +664,7 @@ def test_damaged_exif_does_not_prevent_writing(tmp_path):
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
-def test_full_disk_keeps_the_old_file(tmp_path, room_for, extension):
+def test_full_disk_keeps_the_old_file(tmp_path, extension):
     """Door."""
     original = make(tmp_path / f"o.{extension}")
     picture, changed = edited(original)

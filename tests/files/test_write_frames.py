@@ -1,14 +1,13 @@
 """Sequences and clips of layers and pictures; test_interchange.py reads them by other programs."""
 
-import resource
 import sys
 import weakref
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
+from tests.disk import room_for
 
 from blurmatte.errors import FileError
 from blurmatte.files.frames import read_frames, read_layers, write_frames
@@ -35,17 +34,6 @@ def layers(count=4):
     for i, picture in enumerate(pictures(count)):
         alpha = np.clip((14 - np.hypot(x - 20 - 5 * i, y - 24)) / 8, 0, 0.8).astype(np.float32)
         yield Layer(alpha, alpha[..., None] * picture.rgb)
-
-
-@contextmanager
-def room_for(size):
-    """A disk that is full after `size` bytes of any one file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("pattern", ["ball.####.exr", "ball.%04d.png", "ball.##.tif"])

@@ -8,6 +8,7 @@ import pytest
 import tifffile
 from numpy.testing import assert_allclose
 from PIL import Image
+from tests.disk import room_for
 
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
@@ -179,7 +180,7 @@ def test_other_types_are_rejected(tmp_path, thing):
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "tif", "exr"])
-def test_full_disk_keeps_the_old_file(tmp_path, extension, capfd, room_for):
+def test_full_disk_keeps_the_old_file(tmp_path, extension, capfd):
     noise = np.random.default_rng(0).random((120, 160, 3)).astype(np.float32)
     path = tmp_path / f"a.{extension}"
     write(path, LinearImage(noise[:8, :8]))
@@ -194,7 +195,7 @@ def test_full_disk_keeps_the_old_file(tmp_path, extension, capfd, room_for):
     assert capfd.readouterr() == ("", "")
 
 
-def test_full_disk_is_noticed_for_json(tmp_path, room_for):
+def test_full_disk_is_noticed_for_json(tmp_path):
     path = tmp_path / "a.json"
     with room_for(20), pytest.raises(FileError):
         write(path, ColorModel.from_hex("#d8ff3c"))
