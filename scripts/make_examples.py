@@ -19,7 +19,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import plain_plate
-from blurmatte.rendering.processing import add_noise, encode_codes
+from blurmatte.rendering.processing import encode_codes, noisy
 from blurmatte.trajectory import Trajectory
 
 SIZE = (400, 300)
@@ -70,7 +70,7 @@ def main() -> None:
         rendering = render(Scene(plate, PATH, BALL))
         rng = np.random.default_rng(SEED)
         for file, picture in (("image.png", rendering.image), ("plate.png", rendering.plate)):
-            codes = encode_codes(add_noise(picture.rgb, NOISE, rng), 16)
+            codes = encode_codes(noisy(picture.rgb, NOISE, rng), 16)
             write_png(folder / file, codes, "sRGB")
         alpha = np.rint(65535 * rendering.layer.alpha).astype(np.uint16)
         write_png(folder / "alpha.png", alpha[..., None], "linear")

@@ -9,5 +9,5 @@ class Displayed:
     def _repr_png_(self) -> bytes:
         """The sheet as PNG."""
         # By name, when it is shown: sheets draw these types, which do not depend on sheets.
-        sheet: bytes = import_module("blurmatte.figures").png_of_look(self)
+        sheet: bytes = import_module("blurmatte.figures.layers").png_of_look(self)
         return sheet

@@ -13,12 +13,12 @@ from blurmatte.checks import Box
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.detections import FrameMotion
-from blurmatte.motion.columns import Column, numbers_of
+from blurmatte.motion.columns import Column, TableRow
 from blurmatte.motion.picture.measure import measure_motion
 
 
 @dataclass(frozen=True)
-class FrameRecord:
+class FrameRecord(TableRow):
     """What was written for an object in one frame, or why nothing was.
 
     Parameters
@@ -105,13 +105,9 @@ class FrameRecord:
         """The columns of its table."""
         return FRAME_COLUMNS
 
-    def numbers(self) -> dict[str, Any]:
-        """All by name, flat, for a row of a table."""
-        return numbers_of(FRAME_COLUMNS, self)
-
 
 @dataclass(frozen=True)
-class PictureRecord:
+class PictureRecord(TableRow):
     """What was found in one picture of a row, or why nothing was.
 
     Parameters
@@ -175,10 +171,6 @@ class PictureRecord:
     def columns(self) -> Sequence[Column[PictureRecord]]:
         """The columns of its table."""
         return PICTURE_COLUMNS
-
-    def numbers(self) -> dict[str, Any]:
-        """All by name, flat, for a row of a table."""
-        return numbers_of(PICTURE_COLUMNS, self)
 
 
 _PIXELS = dict.fromkeys(

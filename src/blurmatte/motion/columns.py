@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any, Generic, Protocol, SupportsIndex, TypeVar, overload, runtime_checkable
+from typing import Any, Generic, SupportsIndex, TypeVar, overload
 
 Row = TypeVar("Row")
 Listed = TypeVar("Listed", bound="TableRow")
@@ -30,18 +30,17 @@ class Column(Generic[Row]):
     of: Callable[[Row], Any]
 
 
-@runtime_checkable
-class TableRow(Protocol):
+class TableRow:
     """A row that knows its columns."""
 
     @property
     def columns(self) -> Sequence[Column[Any]]:
         """The columns of its table."""
-        ...
+        raise NotImplementedError
 
     def numbers(self) -> dict[str, Any]:
-        """The values by the names of the columns."""
-        ...
+        """All by name, flat, for a row of a table."""
+        return {column.name: column.of(self) for column in self.columns}
 
 
 class Rows(list[Listed]):
@@ -59,11 +58,6 @@ class Rows(list[Listed]):
 
     def _repr_html_(self) -> str:
         return html_table(self)
-
-
-def numbers_of(columns: Iterable[Column[Row]], row: Row) -> dict[str, Any]:
-    """The values of a row by the names of their columns, in order."""
-    return {column.name: column.of(row) for column in columns}
 
 
 def html_table(rows: Sequence[TableRow]) -> str:

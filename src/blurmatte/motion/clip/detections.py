@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
-from blurmatte.motion.columns import Column, numbers_of
+from blurmatte.motion.columns import Column, TableRow
 from blurmatte.motion.picture.motion import Motion
 
 NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
@@ -157,7 +157,7 @@ class FrameSightings:
 
 
 @dataclass(frozen=True)
-class FrameMotion:
+class FrameMotion(TableRow):
     """A row of the table of a clip: an object in one frame, or the reason why it was not found.
 
     Parameters
@@ -216,10 +216,6 @@ class FrameMotion:
     def columns(self) -> Sequence[Column[FrameMotion]]:
         """The columns of its table."""
         return CLIP_COLUMNS
-
-    def numbers(self) -> dict[str, Any]:
-        """All by name, flat, for a row of a table: `CLIP_COLUMNS`."""
-        return numbers_of(CLIP_COLUMNS, self)
 
 
 def _seen(name: str, unit: str, of: Callable[[Sighting], Any]) -> Column[FrameMotion]:
