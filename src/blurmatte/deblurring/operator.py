@@ -105,7 +105,7 @@ def blur_operator(
     if isinstance(lattice, Lattice):
         from blurmatte.deblurring import operator_kernel  # loads scipy.special
 
-        A = sparse(operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen)), lattice.size)
+        A = sparse(operator_kernel.rows_of(*_on_lattice(lattice, poses, seen)), lattice.size)
         return Blur(A, seen.alpha(poses.durations))
     (first, moment, weight, normal), light, field = _on_sphere(poses, seen)
     entries = first, moment, weight * light, normal
@@ -133,12 +133,12 @@ def blurred(
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
     from blurmatte.deblurring import operator_kernel  # loads scipy.special
 
-    moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses, near))
+    moments = _on_lattice(lattice, poses, seen_moments(sweep, pixels, poses, near))
     alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
     return np.asarray(alpha), np.asarray(sums)
 
 
-def _on_lattice(sweep: Sweep, lattice: Lattice, poses: Poses, seen: "Seen") -> tuple[Any, ...]:
+def _on_lattice(lattice: Lattice, poses: Poses, seen: "Seen") -> tuple[Any, ...]:
     """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
     to_lattice = seen.to_disc * (lattice.radius / lattice.pitch)
     grid = lattice.corner, lattice.node, seen.width
