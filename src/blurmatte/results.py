@@ -204,11 +204,16 @@ def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> li
     >>> [file.name for file in files]
     ['paint1.png', 'paint1_std.png', 'paint2.png', 'paint2_std.png', 'overview.png']
     """
-    sheet = draw_exposures(layer, exposures)
+    check_kind(
+        "exposures",
+        exposures,
+        Exposures,
+        "use blurmatte.compositing.split_exposure(solution, *paints)",
+    )
     maps = np.stack([exposures.fraction, exposures.fraction_std], axis=-1)
     maps = maps.reshape(*maps.shape[:2], -1)  # of each paint, then its error
     files = exposure_files(Path(folder), exposures.fraction.shape[-1])
-    things = [*np.moveaxis(maps, -1, 0), sheet]
+    things = [*np.moveaxis(maps, -1, 0), draw_exposures(layer, exposures)]
     return write_together(folder, {f.name: thing for f, thing in zip(files, things, strict=True)})
 
 
