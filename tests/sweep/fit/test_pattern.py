@@ -16,7 +16,7 @@ from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import start_along
-from blurmatte.sweep.fit.pattern import _functions, fit_patterns
+from blurmatte.sweep.fit.pattern import _functions, _PatternFit, _swept, fit_patterns
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
@@ -86,6 +86,23 @@ def test_functions_are_orthonormal_on_a_disc():
     values = powers @ T[:21, :21]
     assert np.abs(values.T @ values / len(u) - np.eye(21)).max() < 0.03
     assert exponents.tolist() == [0, 0, 0, 1, 1, 1, *4 * [2], *5 * [3], *6 * [4], 0, 1, 1]
+
+
+def test_derivatives_of_light_are_differences():
+    """oracle, but for pixels where the rim is just reached: there z has an infinite slope."""
+    step = 1e-4
+    disc = disc_without(*shaded(np.random.default_rng(1)))
+    for soft, off in ((False, 0.02), (True, 1e-3)):  # the turn of a sharp rim is left out
+        state = disc.of_kind(replace(disc.silhouette, soft=soft))
+        at = np.array([*disc.path, RADIUS, *([0.8] if soft else [])])
+        fit = _PatternFit.of(state, BOUNDS, at, 5)
+        exact = []
+        for change in step * np.eye(len(at)):
+            ahead, behind = (_swept(state, fit.use, 5, at + x) for x in (change, -change))
+            S = (ahead - behind) / (2 * step)
+            exact.append(S @ fit.pattern.coefficients - S[:, 0] * fit._plate)
+        wrong = np.abs(fit._by_parameters - np.array(exact).T) / np.abs(exact).max(axis=1)
+        assert np.quantile(wrong.max(axis=1), 0.99) < off
 
 
 def parameters(state):

@@ -33,11 +33,11 @@ _ORDERS = (2, 7)  # of the patterns that are fitted one after another, each from
 _STARTS = (1.0, 1.25)  # radii that fits start from, of the disc without
 _MAX_STEPS = 20
 _MARGIN = 0.5  # around the streak, within which the disc may move, radii
-_STEP_PX = 1e-3  # of the differences that give the derivatives of light
 _MAX_MOVE = 0.25  # in a step, radii
-# Rounds of coefficients, weights and prior, from a first prior and from that of a neighbor
+# Rounds of coefficients, weights and prior, at most, from a first prior and from that of a neighbor
 _FIRST_ROUNDS = 24
 _ROUNDS = 6
+_MIN_CHANGE = 1e-3  # of standard deviations of the prior, relative, in a round that is not the last
 _FIRST_SPREAD = 0.3  # s, of the plate's light
 _MIN_SPREAD = 4e-3
 _FREE_SPREAD = 1e3  # of the mean
@@ -92,6 +92,11 @@ def fit_pattern(state: State, bounds: tuple[float, float]) -> Candidate:
     return replace(best, covariance=best.covariance + apart.T @ apart / len(found))
 
 
+def _powers(order: int) -> list[tuple[int, int]]:
+    """Exponents of u and v in the order of `pattern_kernel`."""
+    return [(n - m, m) for n in range(order + 1) for m in range(n + 1)]
+
+
 @lru_cache
 def _functions(order: int) -> tuple[Array, Array]:
     """Matrix (k, k) from the functions of `pattern_kernel` to φ, and the exponents (k,) of q.
@@ -102,8 +107,8 @@ def _functions(order: int) -> tuple[Array, Array]:
     u, v = (x.ravel() for x in np.meshgrid(along, along))
     inside = u**2 + v**2 < 1
     u, v = u[inside], v[inside]
-    powers = [(n - m, m) for n in range(order + 1) for m in range(n + 1)]
-    z, count = np.sqrt(1 - u**2 - v**2), len(powers)
+    powers, z = _powers(order), np.sqrt(1 - u**2 - v**2)
+    count = len(powers)
     _, R = np.linalg.qr(np.stack([u**i * v**j for i, j in powers], axis=1) / np.sqrt(len(u)))
     of_z = np.stack([z, z * u, z * v], axis=1)
     T = np.zeros((count + 3, count + 3))
@@ -203,15 +208,19 @@ class _PatternFit:
     @property
     def _by_parameters(self) -> Array:
         """(n, p) derivatives of light by the parameters for this pattern and the likeliest plate."""
-        step = _STEP_PX * self.state.observation.scale
-        columns = []
-        for k in range(len(self.parameters)):
-            parameters = self.parameters.copy()
-            parameters[k] += step
-            change = _swept(self.state, self.use, self.order, parameters) - self.swept
-            by_pattern = change @ self.pattern.coefficients
-            columns.append((by_pattern - change[:, 0] * self._plate) / step)
-        return np.stack(columns, axis=1)
+        from blurmatte.sweep.model import pattern_kernel  # SciPy is slow to import
+
+        values = _functions(self.order)[0] @ self.pattern.coefficients
+        by_powers = np.zeros((self.order + 1, self.order + 1))
+        for (i, j), value in zip(_powers(self.order), values, strict=False):
+            by_powers[i, j] = value
+        plate = np.zeros(self.use.shape)
+        plate[self.use] = self._plate
+        xy, by_path, *disc = _disc(self.state, self.parameters)
+        J = np.zeros((*self.use.shape, len(self.state.path) + 2))
+        pattern_kernel.derivatives(xy, by_path, *disc, by_powers, values[-3:], plate, J)
+        scale = self.state.observation.scale
+        return np.asarray(J[self.use][:, : len(self.parameters)] / scale)
 
     @property
     def _plate(self) -> Array:
@@ -226,15 +235,25 @@ def _swept(state: State, use: Bools, order: int, parameters: Array) -> Array:
     """(n, k) integrals of the functions φ over the exposure, in some pixels."""
     from blurmatte.sweep.model import pattern_kernel  # SciPy is slow to import
 
-    pixels, n = state.observation.pixels, len(state.path)
-    scale, T = pixels.scale, _functions(order)[0]
-    path, shape = parameters[:n], parameters[n:]
-    soft = state.silhouette.softness(shape) / scale
-    t, weights = moments(state.family, path, scale, soft=soft)
-    xy = (state.family.at(path, t)[0] - pixels.origin) / scale
-    S = np.zeros((*pixels.shape, len(T)))
-    pattern_kernel.swept(xy, weights, shape[0] / scale, soft, order, S)
+    T = _functions(order)[0]
+    S = np.zeros((*use.shape, len(T)))
+    xy, _, *disc = _disc(state, parameters)
+    pattern_kernel.swept(xy, *disc, order, S)
     return np.asarray(S[use] @ T)
+
+
+def _disc(state: State, parameters: Array) -> tuple[Array, Array, Array, float, float]:
+    """Centers, their derivatives by the path, weights, radius and blur as `pattern_kernel` takes them.
+
+    Lengths are in large pixels, but of the parameters in those of the picture.
+    """
+    pixels, n = state.observation.pixels, len(state.path)
+    path, shape = parameters[:n], parameters[n:]
+    soft = state.silhouette.softness(shape) / pixels.scale
+    t, weights = moments(state.family, path, pixels.scale, soft=soft)
+    xy, by_path = state.family.at(path, t)
+    xy = (xy - pixels.origin) / pixels.scale
+    return xy, by_path, weights, float(shape[0]) / pixels.scale, soft
 
 
 def _likeliest(
@@ -257,6 +276,8 @@ def _likeliest(
         e = (P - S @ f) / np.sqrt(V)
         weights = seen * student_weight(e**2, 1) / V
         used, prior_std = prior_std, _prior_of(f**2 + np.diag(covariance), order, least)
+        if np.abs(prior_std / used - 1).max() < _MIN_CHANGE:
+            break
     varied = slice(1, None)  # the mean is free
     prior_cost = float(np.sum((f / used)[varied] ** 2)) / 2 + float(np.log(used[varied]).sum())
     prior_cost += float(np.linalg.slogdet(H)[1]) / 2
