@@ -43,7 +43,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.pattern import fit_pattern, has_pattern
+from blurmatte.sweep.fit.pattern import fit_pattern, has_pattern, may_have_pattern
 from blurmatte.sweep.fit.ranking import (
     NEGATIVE_LIGHT,
     Candidate,
@@ -617,7 +617,7 @@ def _quick_disc(
     inflation = noise_inflation(disc)
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).soft()
-    if has_pattern(disc):
+    if has_pattern(disc) or (_is_varied(model, image) and may_have_pattern(disc)):
         patterned = fit_pattern(disc, search.bounds)
         state = patterned.state.relit(disc.observation)
         return disc, search, before_loss(sweep_of(patterned, image), state, image)
@@ -628,6 +628,11 @@ def _quick_disc(
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.
     known = sweep_of(Candidate(disc), image).diagnostics
     return disc, search, replace(sweep, diagnostics=known)
+
+
+def _is_varied(model: ColorModel | None, image: LinearImage) -> bool:
+    """Whether the colors of an object are known to vary, in an image whose file shows them all."""
+    return model is not None and model.rank > 1 and image.meta.sharing is None
 
 
 def _refined(

@@ -7,6 +7,7 @@ from tests.scenes import rendered
 from tests.sweep.scenes import BOUNDS, NEUTRAL
 
 from blurmatte.calibration import with_noise
+from blurmatte.color import ColorModel
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, decode
 from blurmatte.radiometry.image import counted_once
@@ -100,8 +101,8 @@ def test_derivatives_of_light_are_differences():
         for change in step * np.eye(len(at)):
             ahead, behind = (_swept(state, fit.use, 5, at + x) for x in (change, -change))
             S = (ahead - behind) / (2 * step)
-            exact.append(S @ fit.pattern.coefficients - S[:, 0] * fit._plate)
-        wrong = np.abs(fit._by_parameters - np.array(exact).T) / np.abs(exact).max(axis=1)
+            exact.append(S @ fit.patterns[0].coefficients - S[:, 0] * fit._plate(0))
+        wrong = np.abs(fit._by_parameters(0) - np.array(exact).T) / np.abs(exact).max(axis=1)
         assert np.quantile(wrong.max(axis=1), 0.99) < off
 
 
@@ -147,6 +148,38 @@ def before_wall(seed):
         codes = np.rint(np.clip(codes, 0, 255)).astype(np.uint8)
         pictures.append(decode(np.repeat(codes[..., None], 3, axis=2), SRGB))
     return with_noise(*pictures), np.array([*middle, 2 * np.hypot(*half), radius])
+
+
+def glossy_before_wall(seed):
+    """Image and plate, and place and radius, of a ball whose gloss has the hue of the wall."""
+    rng = np.random.default_rng(seed)
+    wall = plain_plate((120, 90), np.full(3, rng.uniform(0.2, 0.7)), rng)
+    middle, radius = np.array([60.0, 45.0]), rng.uniform(6, 11)
+    half = rng.uniform(0.7, 2.2) * radius * np.array([1.0, rng.uniform(-0.5, 0.5)])
+    aside = rng.uniform(0, 2 * np.pi)
+    lamp = Lamp((np.cos(aside), np.sin(aside), rng.uniform(0.5, 1.5)))
+    paint = rng.permutation([0.7, 0.3, 0.1])
+    ball = Ball(radius, paint, ambient=0.4, lamps=(lamp,), highlight=0.5)
+    path = Trajectory.line(middle - half, middle + half)
+    light = rendered(Scene(wall, path, ball), 64).image.rgb
+    pictures = []
+    for exact in (light, wall):
+        codes = 255 * SRGB.encode(exact) + rng.normal(0, 1, exact.shape)
+        pictures.append(decode(np.rint(np.clip(codes, 0, 255)).astype(np.uint8), SRGB))
+    return with_noise(*pictures), np.array([*middle, radius])
+
+
+def test_glossy_balls_before_gray_walls_are_within_their_errors():
+    """honest: place and radius in color."""
+    z = []
+    for seed in range(12):
+        (image, plate), truth = glossy_before_wall(seed)
+        streak = require_streaks(image, plate)[0]
+        motion = motion_of_sweep(fit_disc(image, plate, streak, ColorModel.any()), None)
+        std = np.sqrt(np.diag(motion.covariance))[[0, 1]]
+        found = np.array([*motion.center, motion.radius])
+        z.append((found - truth) / [*std, motion.radius_std])
+    assert np.mean(np.abs(z) < 3) >= 0.95
 
 
 def test_shaded_balls_before_plain_walls_are_within_their_errors():

@@ -1,7 +1,8 @@
-"""Discs with a pattern, in gray pictures.
+"""Discs with a pattern, for gray pictures and for objects of several colors in clips.
 
 Without hues alpha follows from brightness: a ball whose dark side is as bright as the plate looks
-smaller and displaced. In this file the light of a disc is that of a random pattern f which moves along,
+smaller and displaced. So does a ball whose gloss or second paint has the hue of the plate. In this file
+the light of a disc is that of a random pattern f which moves along,
 
     P(x) = ∫ f((x − c(t)) / r) dt    while the disc of radius r around c(t) covers x,
     f = Σ_j f_j φ_j,
@@ -10,7 +11,7 @@ with polynomials φ_j, orthonormal on the disc, and with z, z u and z v, where (
 a sphere: the light of a matte sphere is nearly a polynomial of order two of its normal
 [Ramamoorthi & Hanrahan 2001]. The coefficient of an order k has the prior standard deviation s qᵏ⁻¹,
 of z as of order 1, of z u and z v as of order 2; the mean is free. s and q are estimated by expectation
-maximization, and the coefficients are integrated out.
+maximization, and the coefficients are integrated out. Along each axis of color the pattern is another.
 """
 
 from dataclasses import dataclass, replace
@@ -46,9 +47,14 @@ _GRID = 401  # points across the disc, on which functions are made orthonormal
 
 
 def has_pattern(state: State) -> bool:
-    """Whether a fit is of a disc of constant size in gray pictures, which may have a pattern."""
+    """Whether a fit is of a disc in gray pictures that may have a pattern."""
+    return state.observation.channels == 1 and may_have_pattern(state)
+
+
+def may_have_pattern(state: State) -> bool:
+    """Whether a fit is of a solid disc of constant size, of which other frames know nothing."""
     shape, known = state.silhouette, state.observation
-    if known.channels > 1 or known.light_alone or known.prior is not None:
+    if known.light_alone or known.prior is not None:
         return False
     plain = isinstance(shape, Silhouette) and shape.is_disc and not shape.changes
     return plain and shape.opacity == 1 and known.camera_stretch == (0.0, 0.0)
@@ -72,7 +78,7 @@ def fit_patterns(state: State, bounds: tuple[float, float]) -> list[Candidate]:
             disc = state.moved(parameters[:n], parameters[n:])
             e, known = fit.in_picture(disc.e), state.observation
             cost = float(np.sum(known.weight * loss((e**2).sum(axis=0), known.channels)))
-            cost += fit.pattern.prior_cost
+            cost += sum(one.prior_cost for one in fit.patterns)
             explained = replace(disc, e=e, cost=cost, converged=converged)
             fits.append(Candidate(explained, covariance=fit.covariance))
     return sorted(fits, key=lambda one: -one.state.cost)
@@ -120,7 +126,7 @@ def _functions(order: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class _Pattern:
-    """The most probable pattern of a disc."""
+    """The most probable pattern of a disc along an axis of color."""
 
     prior_std: Array  # (k,) of the coefficients
     coefficients: Array  # (k,)
@@ -139,11 +145,11 @@ class _PatternFit:
     state: State  # of the disc without
     bounds: tuple[float, float]  # of the radius
     use: Bools  # (h, w) pixels
-    light: Array  # (4, n) image, plate and their variances in these
+    light: Array  # (4, c, n) image, plate and their variances in these, along axes of color
     order: int
     parameters: Array
     swept: Array  # (n, k) integrals of the functions; the first is alpha
-    pattern: _Pattern
+    patterns: tuple[_Pattern, ...]  # along each axis
 
     @classmethod
     def of(
@@ -153,17 +159,20 @@ class _PatternFit:
         known = state.observation
         margin = int(np.ceil(_MARGIN * state.radius / known.scale))
         use = dilated(state.swept.alpha > 0, margin) & (known.weight > 0)
-        light = np.stack([values[..., 0][use] for values in known.light])
+        light = np.stack([values[use].T[: known.channels] for values in known.light])
         S = _swept(state, use, order, parameters)
-        spread = _FIRST_SPREAD * max(float(light[1].mean()), _MIN_SPREAD)
+        spread = _FIRST_SPREAD * max(abs(float(light[1, 0].mean())), _MIN_SPREAD)
         prior_std = np.full(S.shape[1], spread)
-        pattern = _likeliest(known.weight[use], light, S, order, prior_std, _FIRST_ROUNDS)
-        return cls(state, bounds, use, light, order, parameters, S, pattern)
+        seen, axes = known.weight[use], range(known.channels)
+        patterns = tuple(
+            _likeliest(seen, light[:, k], S, order, prior_std, _FIRST_ROUNDS) for k in axes
+        )
+        return cls(state, bounds, use, light, order, parameters, S, patterns)
 
     @property
     def cost(self) -> float:
         """Negative log marginal likelihood."""
-        return self.pattern.loss + self.pattern.prior_cost
+        return sum(one.loss + one.prior_cost for one in self.patterns)
 
     def moved(self, step: Array) -> "_PatternFit":
         """The fit after a step, shortened to where the model is about linear."""
@@ -172,29 +181,38 @@ class _PatternFit:
         parameters = self.parameters + step / max(np.abs(step).max() / most, 1)
         parameters[n:] = state.silhouette.possible(parameters[n:], self.bounds)
         S = _swept(state, self.use, self.order, parameters)
-        seen, prior_std = state.observation.weight[self.use], self.pattern.prior_std
-        pattern = _likeliest(seen, self.light, S, self.order, prior_std, _ROUNDS)
-        return replace(self, parameters=parameters, swept=S, pattern=pattern)
+        seen = state.observation.weight[self.use]
+        patterns = tuple(
+            _likeliest(seen, self.light[:, k], S, self.order, one.prior_std, _ROUNDS)
+            for k, one in enumerate(self.patterns)
+        )
+        return replace(self, parameters=parameters, swept=S, patterns=patterns)
 
     def information(self) -> tuple[Array, Array]:
-        """Curvature (p, p) and gradient (p,) of the cost; the pattern is integrated out."""
-        pattern, J = self.pattern, self._by_parameters
-        root = np.sqrt(pattern.weights)
-        C, B, _, _ = self.light
-        light = (1 - self.swept[:, 0]) * B + self.swept @ pattern.coefficients
-        e = (root * (C - light))[:, None]
-        J, S = root[:, None] * J, root[:, None] * self.swept
-        cross = S.T @ J
-        explained = pattern.covariance @ cross
-        of_prior = (S.T @ e)[:, 0] - pattern.coefficients / pattern.prior_std**2
-        return J.T @ J - cross.T @ explained, explained.T @ of_prior - (J.T @ e)[:, 0]
+        """Curvature (p, p) and gradient (p,) of the cost; the patterns are integrated out."""
+        count = len(self.parameters)
+        H, g = np.zeros((count, count)), np.zeros(count)
+        for k, pattern in enumerate(self.patterns):
+            root = np.sqrt(pattern.weights)
+            C, B, _, _ = self.light[:, k]
+            light = (1 - self.swept[:, 0]) * B + self.swept @ pattern.coefficients
+            e = root * (C - light)
+            J, S = root[:, None] * self._by_parameters(k), root[:, None] * self.swept
+            cross = S.T @ J
+            explained = pattern.covariance @ cross
+            of_prior = S.T @ e - pattern.coefficients / pattern.prior_std**2
+            H += J.T @ J - cross.T @ explained
+            g += explained.T @ of_prior - J.T @ e
+        return H, g
 
     @cached_property
     def covariance(self) -> Array:
         """(p, p) of the parameters; correlated residuals carry less information."""
-        e = np.zeros((*self.use.shape, 1))
-        e[self.use, 0] = self.pattern.e * np.sqrt(student_weight(self.pattern.e**2, 1))
-        blocks = (mean_of_blocks(e, self.use, size, 1) for size in BlockStatistics.sizes_px)
+        channels = len(self.patterns)
+        e = np.zeros((*self.use.shape, channels))
+        for k, one in enumerate(self.patterns):
+            e[self.use, k] = one.e * np.sqrt(student_weight(one.e**2, 1))
+        blocks = (mean_of_blocks(e, self.use, size, channels) for size in BlockStatistics.sizes_px)
         inflation = max(1.0, *blocks) * VARIANCE
         H, _ = self.information()
         return np.asarray(inflation * np.linalg.pinv(H, hermitian=True), float)
@@ -202,33 +220,32 @@ class _PatternFit:
     def in_picture(self, e: Array) -> Array:
         """Residuals (3, h, w) with those that the pattern leaves."""
         e = e.copy()
-        e[0][self.use] = self.pattern.e
+        for k, one in enumerate(self.patterns):
+            e[k][self.use] = one.e
         return e
 
-    @property
-    def _by_parameters(self) -> Array:
-        """(n, p) derivatives of light by the parameters for this pattern and the likeliest plate."""
+    def _by_parameters(self, k: int) -> Array:
+        """(n, p) derivatives of light along an axis by the parameters, for the likeliest plate."""
         from blurmatte.sweep.model import pattern_kernel  # SciPy is slow to import
 
-        values = _functions(self.order)[0] @ self.pattern.coefficients
+        values = _functions(self.order)[0] @ self.patterns[k].coefficients
         by_powers = np.zeros((self.order + 1, self.order + 1))
         for (i, j), value in zip(_powers(self.order), values, strict=False):
             by_powers[i, j] = value
         plate = np.zeros(self.use.shape)
-        plate[self.use] = self._plate
+        plate[self.use] = self._plate(k)
         xy, by_path, *disc = _disc(self.state, self.parameters)
         J = np.zeros((*self.use.shape, len(self.state.path) + 2))
         pattern_kernel.derivatives(xy, by_path, *disc, by_powers, values[-3:], plate, J)
         scale = self.state.observation.scale
         return np.asarray(J[self.use][:, : len(self.parameters)] / scale)
 
-    @property
-    def _plate(self) -> Array:
-        """(n,) light of the plate that image and plate make likeliest."""
-        _, B, V_C, V_B = self.light
+    def _plate(self, k: int) -> Array:
+        """(n,) light of the plate along an axis that image and plate make likeliest."""
+        _, B, V_C, V_B = self.light[:, k]
         through = 1 - self.swept[:, 0]
         V = V_C + through**2 * V_B
-        return np.asarray(B + through * V_B / np.sqrt(V) * self.pattern.e)
+        return np.asarray(B + through * V_B / np.sqrt(V) * self.patterns[k].e)
 
 
 def _swept(state: State, use: Bools, order: int, parameters: Array) -> Array:
