@@ -114,14 +114,13 @@ def solve(
     confirmed: alpha within 0.0036, its sum within 1 %.
     """
     _check(image, plate, model, solver, streak, out, start)
-    shown = _that_shows_in(plate, solver or Averaged())
-    request = _Request(model, shown, streak, start, prior, out)
+    request = _Request(model, _shown_in(plate, solver or Averaged()), streak, start, prior, out)
     if isinstance(plate, PlateGuess):
         return _before_guess(image, plate, request, occluder)
     return _solved(_matched(image, plate, matching, occluder), request)
 
 
-def _that_shows_in(plate: LinearImage, solver: Solver) -> Solver:
+def _shown_in(plate: LinearImage, solver: Solver) -> Solver:
     """A solver without hypotheses of shadows if the error of a guess is as large as their changes."""
     if not (isinstance(plate, PlateGuess) and isinstance(solver, Swept)):
         return solver
