@@ -7,7 +7,7 @@ from tests.scenes import rendered
 from tests.sweep.scenes import BOUNDS, NEUTRAL
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, decode
 from blurmatte.radiometry.image import counted_once

@@ -130,7 +130,6 @@ class _Pattern:
 
     prior_std: Array  # (k,) of the coefficients
     coefficients: Array  # (k,)
-    covariance: Array  # (k, k) of them
     weights: Array  # (n,) of the pixels, over their variance
     e: Array  # (n,) residuals of unit variance
     # Negative log prior density of the coefficients, and the log volume of their posterior
@@ -198,8 +197,8 @@ class _PatternFit:
             light = (1 - self.swept[:, 0]) * B + self.swept @ pattern.coefficients
             e = root * (C - light)
             J, S = root[:, None] * self._by_parameters(k), root[:, None] * self.swept
-            cross = S.T @ J
-            explained = pattern.covariance @ cross
+            cross, prior = S.T @ J, np.diag(pattern.prior_std**-2)
+            explained = np.linalg.solve(S.T @ S + prior, cross)
             of_prior = S.T @ e - pattern.coefficients / pattern.prior_std**2
             H += J.T @ J - cross.T @ explained
             g += explained.T @ of_prior - J.T @ e
@@ -298,7 +297,7 @@ def _likeliest(
     varied = slice(1, None)  # the mean is free
     prior_cost = float(np.sum((f / used)[varied] ** 2)) / 2 + float(np.log(used[varied]).sum())
     prior_cost += float(np.linalg.slogdet(H)[1]) / 2
-    return _Pattern(used, f, covariance, weights, e, prior_cost, float(seen @ loss(e**2, 1)))
+    return _Pattern(used, f, weights, e, prior_cost, float(seen @ loss(e**2, 1)))
 
 
 def _prior_of(squares: Array, order: int, least: float) -> Array:
