@@ -13,6 +13,7 @@ SECOND_TRUTH = ("second_truth", "second_truth_methods", "honest_deviations")
 FIRST = (
     "against_other_methods",
     "together",
+    "without_plate",
     "verdict",
     "balls",
     "alpha_noise",
