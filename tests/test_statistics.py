@@ -17,6 +17,7 @@ from blurmatte.statistics import (
     cell_means,
     chi_square_quantile,
     core_mean_square,
+    larger_covariance,
     nonnegative_least_squares,
     robust_std,
     scaled_inverse,
@@ -216,3 +217,16 @@ def test_nonnegative_least_squares_of_equal_columns_and_of_none():
     y = np.arange(1.0, 5)
     assert_allclose(nonnegative_least_squares(np.stack([y, y, 0 * y], axis=1), 2 * y).sum(), 2)
     assert_array_equal(nonnegative_least_squares(np.zeros((4, 2)), y), 0)
+
+
+def test_the_larger_covariance_has_the_larger_variance_in_each_direction():
+    """exact: of two with common axes; of one and nothing; whatever the units."""
+    axes = np.linalg.qr(np.random.default_rng(0).standard_normal((4, 4)))[0]
+    one, other = np.array([1.0, 4, 9, 0]), np.array([2.0, 1, 0, 0])
+    both = ((axes * values) @ axes.T for values in (one, other, np.maximum(one, other)))
+    one, other, larger = both
+    assert_allclose(larger_covariance(one, other), larger, atol=1e-9)
+    assert_allclose(larger_covariance(other, one), larger, atol=1e-9)
+    assert_allclose(larger_covariance(one, 0 * one), one, atol=1e-9)
+    units = np.outer(*2 * [np.array([1.0, 1e3, 1e-3, 1])])
+    assert_allclose(larger_covariance(units * one, units * other) / units, larger, atol=1e-8)

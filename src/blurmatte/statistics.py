@@ -185,3 +185,19 @@ def scaled_inverse(matrix: Array) -> Array:
     scale = np.where(scale > 0, scale, 1.0)
     inverse = np.linalg.pinv(matrix / scale / scale[:, None], hermitian=True)
     return np.asarray(inverse / scale / scale[:, None], float)
+
+
+def larger_covariance(one: Array, other: Array) -> Array:
+    """The covariance (n, n) that has the larger variance of two along each direction of both.
+
+    Along these directions, the eigenvectors of one in units of the sum, both are diagonal.
+    """
+    total = one + other
+    scale = np.sqrt(np.maximum(np.diag(total), np.finfo(float).tiny))
+    values, axes = np.linalg.eigh(total / np.outer(scale, scale))
+    known = values > len(values) * np.finfo(float).eps * values.max()
+    lengths, axes = np.sqrt(values[known]), axes[:, known]
+    root, inverse = scale[:, None] * axes * lengths, axes / scale[:, None] / lengths
+    part, directions = np.linalg.eigh(inverse.T @ one @ inverse)
+    root = (root @ directions) * np.sqrt(np.maximum(part, 1 - part))
+    return np.asarray(root @ root.T)

@@ -47,7 +47,8 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_weights,
 )
 from blurmatte.sweep.fitting_size import FittingSize
-from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
+from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis, is_explained
+from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.priors import OpacityPrior
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
@@ -130,12 +131,17 @@ class _WeightedHypotheses:
         """(n,) weights of the shapes, for errors that are known of those that fit best."""
         return hypothesis_weights([one.evidence for one in self.shapes])
 
-    @property
-    def between_shapes(self) -> Array:
-        """Covariance (n, n) of the parameters of the first shape between the shapes that count."""
+    def between_shapes(self, observation: Observation) -> Array:
+        """Covariance (n, n) of the parameters of the first shape between the shapes that count.
+
+        It is 0 if the first leaves no residuals: others then differ from it by their noise.
+        """
+        first = self.shapes[0].sweep
+        known = first.diagnostics
+        if is_explained(observation, known.variance_inflation, known.residual_excess):
+            return np.zeros_like(first.covariance)
         weights = self.weights[: len(self.shapes)]
         weights = np.where(weights < MIN_WEIGHT, 0, weights)
-        first = self.shapes[0].sweep
         changes = np.stack([first.change_to(one.sweep) for one in self.shapes])
         return np.asarray((changes.T * weights) @ changes / max(weights.sum(), MIN_WEIGHT))
 
@@ -293,7 +299,8 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     )
     locates = found.best.has_shape
     solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)
-    between = found.between_shapes
+    assert fitted.hypotheses is not None
+    between = found.between_shapes(fitted.hypotheses.observation)
     return Answer(
         maps, model, maps.solved, stats, solver, factor, between, locates=locates, assumes=""
     )

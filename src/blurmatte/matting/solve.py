@@ -32,6 +32,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, noise_of
 from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
 from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.streaks.evidence import without_outliers
 from blurmatte.sweep.assess.model_selection import Hypotheses
@@ -345,7 +346,7 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
     if sweep is not None:
         covariance = answer.error_factor**2 * sweep.covariance
         if answer.between is not None:
-            covariance = covariance + answer.between
+            covariance = larger_covariance(covariance, answer.between)
         sweep = replace(sweep, covariance=covariance).with_curve_error
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))
