@@ -617,7 +617,7 @@ def _quick_disc(
     inflation = noise_inflation(disc)
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).soft()
-    if has_pattern(disc) or (_is_varied(model, image) and may_have_pattern(disc)):
+    if has_pattern(disc) or (_is_varied(model, image) and _may_be_painted(disc)):
         patterned = fit_pattern(disc, search.bounds)
         state = patterned.state.relit(disc.observation)
         return disc, search, before_loss(sweep_of(patterned, image), state, image)
@@ -628,6 +628,11 @@ def _quick_disc(
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.
     known = sweep_of(Candidate(disc), image).diagnostics
     return disc, search, replace(sweep, diagnostics=known)
+
+
+def _may_be_painted(disc: State) -> bool:
+    """Whether a disc may have a pattern; one that the plate is seen through has the plate's."""
+    return may_have_pattern(disc) and _opacity_of(disc).value == 1
 
 
 def _is_varied(model: ColorModel | None, image: LinearImage) -> bool:
