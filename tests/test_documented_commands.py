@@ -102,6 +102,9 @@ def write_pictures(folder):
     bm.write(folder / "handheld.jpg", seen(np.roll(plate, 1, axis=1) * 0.95, 3))
     bm.write(folder / "handheld.png", seen(np.roll(plate, 1, axis=1) * 0.95, 3))
     bm.write(folder / "sunny.png", empty)
+    for k in range(3):  # from the hand
+        moving = ball_on(plate, (120 + 90 * k, 130), (150 + 90 * k, 142), 22).image.rgb
+        bm.write(folder / f"frame{k + 1}.jpg", seen(np.roll(moving, k, axis=1), 10 + k))
     bm.write(folder / "in_shade.png", seen(plate * [0.4, 0.5, 0.6], 4))
     bm.write(folder / "sharp.png", seen(ball_on(plate, (96, 70), (96, 70), 22).image.rgb, 5))
     for name, size in (("beach.jpg", (500, 300)), ("beach.png", SIZE)):
@@ -261,7 +264,8 @@ def test_documented_commands_run_or_name_the_extra_without_extras(stage):
         if not re.search(r'pip install "blurmatte\[\w+\]"', answer[2]) or answer[2].count("\n") > 3
     }
     assert unnamed == {}
-    files = re.compile(r"\.(mp4|mov|parquet)\b|--plot|--table parquet")
+    # All scenes contain two with photographs
+    files = re.compile(r"\.(mp4|mov|parquet)\b|--plot|--table parquet|render --all")
     assert [call for call in failed if not files.search(call)] == []
 
 
