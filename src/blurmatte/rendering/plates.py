@@ -196,7 +196,7 @@ def _load_photo(name: str) -> Codes8:
     try:
         from skimage import data
     except ImportError as error:
-        raise BlurmatteError("photographs need: pip install 'blurmatte[photos]'") from error
+        raise BlurmatteError('photographs need: pip install "blurmatte[photos]"') from error
     pictures = getattr(data, name)()
     return np.asarray(pictures[0] if isinstance(pictures, tuple) else pictures)  # left, right, ...
 
