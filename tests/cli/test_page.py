@@ -58,7 +58,7 @@ def test_a_taken_port_is_refused_in_one_line_and_leaves_nothing(tmp_path, monkey
 def test_a_missing_extra_is_one_line_with_its_remedy(library):
     command = [sys.executable, "-c", BLOCKED.format(library)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    line = f"blurmatte: the page needs {library}: pip install 'blurmatte[ui]'\n"
+    line = f'blurmatte: the page needs {library}: pip install "blurmatte[ui]"\n'
     assert (done.returncode, done.stdout, done.stderr) == (2, "", line)
 
 

@@ -159,7 +159,7 @@ def test_photographs_need_scikit_image(monkeypatch):
         return real(name, *arguments, **named)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(BlurmatteError, match=r"pip install 'blurmatte\[photos\]'"):
+    with pytest.raises(BlurmatteError, match=r'pip install "blurmatte\[photos\]"'):
         photo_plate("coffee", (10, 10))
 
 

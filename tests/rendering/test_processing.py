@@ -258,5 +258,5 @@ def test_codes_reject_wrong_arguments(pictures):
 
 def test_without_the_package_the_error_names_the_extra(pictures, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(BlurmatteError, match=r"pip install 'blurmatte\[video\]'"):
+    with pytest.raises(BlurmatteError, match=r'pip install "blurmatte\[video\]"'):
         through_h264(pictures, 23)

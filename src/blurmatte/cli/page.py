@@ -45,7 +45,7 @@ def ui(
         from blurmatte.ui.server import serve
     except ModuleNotFoundError as error:
         library = (error.name or "").partition(".")[0]
-        raise ValueError(f"the page needs {library}: pip install 'blurmatte[ui]'") from error
+        raise ValueError(f'the page needs {library}: pip install "blurmatte[ui]"') from error
     from blurmatte.ui import Session
 
     session = Session(run_line, bm.__version__, files or [], out)

@@ -313,5 +313,5 @@ def _decoded(file: bytes) -> list[Codes8]:
 
 
 def _video_library() -> Any:
-    needed = "H.264 needs one package more: pip install 'blurmatte[video]'; or take a JPEG"
+    needed = 'H.264 needs one package more: pip install "blurmatte[video]"; or take a JPEG'
     return optional_library("av", needed)

@@ -245,7 +245,7 @@ def cluster_workers(scheduler: Any, folder: str | Path) -> Iterator[Workers]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise BlurmatteError("a cluster needs: pip install 'blurmatte[cluster]'") from error
+        raise BlurmatteError('a cluster needs: pip install "blurmatte[cluster]"') from error
     client = scheduler if isinstance(scheduler, Client) else Client(scheduler)
     try:
         threads = sum(client.nthreads().values())
