@@ -54,13 +54,21 @@ def wall():
     return truth, image, plate, solve(image, plate)
 
 
-def test_the_error_of_the_color_grows_as_that_of_alpha(wall):
-    *_, solution = wall
-    factor = solution.stats.alpha_error / solution.stats.claimed_error
+def test_the_color_errs_as_alpha_does(wall):
+    """invariant: by the factor of alpha's calibration, and toward the plate as the sum of alpha."""
+    _, _, plate, solution = wall
+    stats, color = solution.stats, solution.model
+    factor = stats.alpha_error / stats.claimed_error
     assert factor > 1.5
-    fitted = solution.sweep.model
     # The opacity before one hue is open, which adds to the error of alpha alone.
-    assert factor / 1.1 < solution.model.angle_std / fitted.angle_std <= factor
+    of_fit = np.radians(factor / 1.1 * solution.sweep.model.angle_std)
+    behind = np.tensordot(np.clip(solution.alpha, 0, 1), plate.rgb, 2) / solution.alpha.sum()
+    across = behind - (behind @ color.pole) * color.pole
+    by_sum = stats.sum_alpha_std / stats.sum_alpha * across / np.linalg.norm(color.mean)
+    toward = across / np.linalg.norm(across)
+    assert_allclose(toward @ color.covariance @ toward, by_sum @ by_sum, rtol=0.3)
+    assert color.angle_std >= 0.9 * np.degrees(max(of_fit, np.linalg.norm(by_sum)))
+    assert color.angle_std <= 1.2 * np.degrees(np.hypot(of_fit, np.linalg.norm(by_sum)))
 
 
 def test_a_ball_before_one_hue_is_confirmed(wall):

@@ -10,12 +10,20 @@ from blurmatte.color.model import ColorModel
 from blurmatte.matting import PixelMaps
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.fitted_hypothesis import Shapeless
-from blurmatte.matting.summary import MAX_ALTERNATIVES, Alternative, listed
+from blurmatte.matting.summary import (
+    MAX_ALTERNATIVES,
+    Alternative,
+    StreakSums,
+    listed,
+    mean_light,
+    with_mean_light,
+)
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.sweep.assess.model_selection import Evidence
 
 NOISE = NoiseModel(read_std=1e-3)
 PLATE, COLOR = np.array([0.3, 0.32, 0.35]), np.array([0.6, 0.3, 0.1])
+SECOND = np.array([0.1, 0.2, 0.5])
 BOX = 0, 0, 12, 9
 ONE = Alternative("disc on an arc, one paint", (0.6, 0.3, 0.1), "#cb9559", 0.9, 1.0, 0.0, 8.0)
 
@@ -114,3 +122,43 @@ def test_rejects_wrong_arguments(name, value):
     """door"""
     with pytest.raises(ValueError, match=f"{name} must be finite and not negative"):
         replace(ONE, **{name: value})
+
+
+def seen_in(alpha, factor, rank):
+    """Pixel maps of a streak and its plate, with all alpha multiplied by a factor."""
+    rng = np.random.default_rng(1)
+    plate = rng.uniform(0.2, 0.6, (*alpha.shape, 3))
+    paints = COLOR if rank == 1 else rng.uniform(size=alpha.shape)[..., None] * COLOR + SECOND
+    image = alpha[..., None] * paints + (1 - alpha[..., None]) * plate
+    maps = PixelMaps.zeros(*alpha.shape, np.float64)
+    maps.alpha[...], maps.alpha_std[...] = factor * alpha, 0.01
+    maps.premultiplied[...] = image - (1 - factor * alpha[..., None]) * plate
+    return maps, LinearImage(plate, NOISE), paints
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_color_errs_with_the_sum_of_alpha(rank):
+    """oracle: one standard deviation of all alpha turns the mean color by one of its own."""
+    alpha, step = np.random.default_rng(0).uniform(0.1, 0.5, (9, 12)), 1e-5
+    maps, plate, paints = seen_in(alpha, 1.0, rank)
+    one = np.array([COLOR]) if rank == 1 else np.array([COLOR, SECOND])
+    model = ColorModel.from_samples(np.repeat(one, 40, axis=0), rank=rank, std=1e-9)
+    sums = StreakSums(108, 108, 0, float(alpha.sum()), step * float(alpha.sum()), 0.0)
+    found = with_mean_light(model, maps, plate, sums)
+    moved = mean_light(seen_in(alpha, 1 + step, rank)[0])
+    if rank == 1:
+        turned = moved / np.linalg.norm(moved) - model.pole
+        assert_allclose(found.covariance, np.outer(turned, turned), atol=1e-3 * turned @ turned)
+    else:
+        sine = model.pole @ moved / np.linalg.norm(moved)
+        direction = found.mean / np.linalg.norm(found.mean)
+        assert_allclose(direction @ found.covariance @ direction, sine**2, rtol=1e-3)
+    assert_allclose(found.mean, (alpha[..., None] * paints).sum((0, 1)) / alpha.sum(), rtol=1e-9)
+
+
+def test_given_colors_keep_no_error():
+    """invariant"""
+    maps, plate, _ = seen_in(np.full((9, 12), 0.3), 1.0, 1)
+    sums = StreakSums(108, 108, 0, 32.4, 3.0, 0.0)
+    for model in (ColorModel.from_hex("#cb9559"), ColorModel.any()):
+        assert not with_mean_light(model, maps, plate, sums).covariance.any()

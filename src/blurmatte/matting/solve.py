@@ -30,7 +30,7 @@ from blurmatte.matting.shaded import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, noise_of
-from blurmatte.matting.summary import StreakSums, mean_light, streak_sums
+from blurmatte.matting.summary import StreakSums, streak_sums, with_mean_light
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
@@ -350,9 +350,8 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
         sweep = replace(sweep, covariance=covariance).with_curve_error
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))
-    # What misleads alpha misleads the color with it.
-    covariance = answer.error_factor**2 * model.covariance
-    model = replace(model, mean=mean_light(maps), covariance=covariance)
+    model = replace(model, covariance=answer.error_factor**2 * model.covariance)
+    model = with_mean_light(model, maps, plate, sums)
     name = repr(answer.chosen or solver)
     return Solution(*maps, model=model, solver=name, stats=stats, sweep=sweep)
 

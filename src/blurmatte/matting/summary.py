@@ -6,10 +6,11 @@ factor common to all alpha.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.checks import Array, check_not_negative
 from blurmatte.color.model import ColorModel, perpendicular
@@ -17,6 +18,7 @@ from blurmatte.matting.averaging import MIN_WEIGHT
 from blurmatte.matting.calibration import GRADE_LIMITS
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import Streak
 
 MAX_ALTERNATIVES = 5  # listed, the result itself included
@@ -65,14 +67,49 @@ def mean_light(maps: PixelMaps) -> Array | None:
 
     None if that alpha sums to nothing.
     """
+    y, x, alpha = _known_alpha(maps)
+    if not alpha.any():
+        return None
+    light = np.maximum(maps.premultiplied[y, x], 0).sum(axis=0, dtype=float)
+    return np.asarray(light / alpha.sum())
+
+
+def with_mean_light(
+    model: ColorModel, maps: PixelMaps, plate: LinearImage, sums: StreakSums
+) -> ColorModel:
+    """Colors with the mean light of the object, and with the error that the sum of alpha gives them.
+
+    The mean light is l = Σ (C − (1 − α) B) / Σ α, with the image's light C and the plate's B. If all
+    alpha is larger by a factor 1 + ε, it is (l + ε b) / (1 + ε), with b = Σ α B / Σ α. So ε, the
+    relative error of the sum of alpha, turns it by the part of ε b / |l| across l. Colors without an
+    error, given ones or any, stay.
+    """
+    mean, covariance = mean_light(maps), model.covariance
+    if mean is not None and mean.any() and sums.sum_alpha > 0 and covariance.any():
+        y, x, alpha = _known_alpha(maps)
+        length = np.linalg.norm(mean)
+        by_factor = alpha @ plate.rgb[y, x] / (alpha.sum() * length)
+        relative_std = sums.sum_alpha_std / sums.sum_alpha
+        turn = relative_std * _turned(model, mean / length, by_factor)
+        covariance = larger_covariance(covariance, np.outer(turn, turn))
+    return replace(model, mean=mean, covariance=covariance)
+
+
+def _known_alpha(maps: PixelMaps) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]:
+    """Rows, columns and alpha (n,), 0 to 1, of pixels of the layer whose alpha and light are known."""
     unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
     y, x = np.nonzero((maps.alpha > 0) & ~has_flag(maps.quality, unknown))
     known = np.isfinite(maps.alpha_std[y, x]) & np.isfinite(maps.premultiplied_std[y, x]).all(1)
-    total = float(np.minimum(maps.alpha[y, x][known], 1).sum(dtype=float))
-    if total == 0:
-        return None
-    light = np.maximum(maps.premultiplied[y, x][known], 0).sum(axis=0, dtype=float)
-    return np.asarray(light / total)
+    y, x = y[known], x[known]
+    return y, x, np.minimum(maps.alpha[y, x], 1).astype(float)
+
+
+def _turned(model: ColorModel, direction: Array, change: Array) -> Array:
+    """Change (3,) of the pole if the direction (3,) of a color that the model contains changes."""
+    pole = model.pole
+    if model.rank == 1:
+        return np.asarray(change - (change @ pole) * pole)
+    return np.asarray(-(change @ pole) * direction)
 
 
 def _scale_std(
