@@ -36,6 +36,7 @@ from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.streaks.evidence import without_outliers
 from blurmatte.sweep.assess.model_selection import Hypotheses
+from blurmatte.sweep.assess.perspective import with_perspective_error
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import Disc
@@ -347,7 +348,7 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
         covariance = answer.error_factor**2 * sweep.covariance
         if answer.between is not None:
             covariance = larger_covariance(covariance, answer.between)
-        sweep = replace(sweep, covariance=covariance).with_curve_error
+        sweep = with_perspective_error(replace(sweep, covariance=covariance)).with_curve_error
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))
     model = replace(model, covariance=answer.error_factor**2 * model.covariance)
