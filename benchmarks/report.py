@@ -9,7 +9,12 @@ from pathlib import Path
 
 from benchmarks.table import RESULTS
 
-SECOND_TRUTH = ("second_truth", "second_truth_methods", "honest_deviations")
+SECOND_TRUTH = (
+    "second_truth",
+    "second_truth_methods",
+    "honest_deviations",
+    "hypothesis_weights",
+)
 FIRST = (
     "against_other_methods",
     "together",

@@ -13,11 +13,12 @@ import os
 import sys
 from pathlib import Path
 
-from benchmarks.cycles import calibrate, own, rendering, scoring, tables
+from benchmarks.cycles import calibrate, own, rendering, scoring, tables, weights
 from benchmarks.cycles.catalog import PARTS
 from benchmarks.cycles.methods import methods
 from benchmarks.cycles.photograph import photograph
 from benchmarks.cycles.pictures import OWN
+from benchmarks.table import RESULTS, publish, require_clean_tree
 
 ROOT_VARIABLE = "BLURMATTE_CYCLES"
 OWN_SCENES = 6  # of each kind of our own renderer
@@ -46,6 +47,8 @@ def arguments() -> argparse.Namespace:
     fitted = commands.add_parser("calibrate", help="fit the calibration of alpha's error")
     fitted.add_argument("--limit", type=int, help="only so many pictures, of all kinds")
     fitted.add_argument("--processes", type=int, default=2)
+    weighed = commands.add_parser("weights", help="write docs/results of the weights of hypotheses")
+    weighed.add_argument("--processes", type=int, default=2)
     compared = commands.add_parser("check", help="compare the numbers of two journals")
     compared.add_argument("journals", nargs=2, type=Path)
     shown = commands.add_parser("tables", help="write docs/results from the journal")
@@ -85,6 +88,9 @@ def main() -> int:
                 root(), given.parts, given.cameras, given.methods, given.limit, given.processes
             )
             print(journal)
+        case "weights":
+            require_clean_tree(RESULTS)
+            publish(weights.weigh(root(), given.processes))
         case "check":
             differences = scoring.check(*given.journals)
             print("\n".join(differences) or "the same")

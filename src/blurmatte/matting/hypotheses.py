@@ -60,7 +60,7 @@ _MARGIN_PX = 4  # around the streak: light that is too faint for its mask
 
 
 @dataclass(frozen=True, eq=False)
-class _WeightedHypotheses:
+class WeightedHypotheses:
     """Weighted hypotheses: shapes, the likeliest first, then those without a shape."""
 
     shapes: list[OnPath]
@@ -71,7 +71,7 @@ class _WeightedHypotheses:
     estimates: list[AlphaEstimate]  #: of all, in the box
 
     @classmethod
-    def of(cls, case: Case, without_shape: bool) -> "_WeightedHypotheses":
+    def of(cls, case: Case, without_shape: bool) -> "WeightedHypotheses":
         """Sweeps of a case, and perhaps hypotheses without a shape."""
         assert case.hypotheses is not None
         known, mixtures = case.hypotheses, Mixtures.of(case)
@@ -193,8 +193,8 @@ class _WeightedHypotheses:
 
 
 def shape_log_odds(case: Case) -> tuple[float, float]:
-    """As `_WeightedHypotheses.shape_log_odds`, of a case that was fitted at full size."""
-    return _WeightedHypotheses.of(case, without_shape=True).shape_log_odds()
+    """As `WeightedHypotheses.shape_log_odds`, of a case that was fitted at full size."""
+    return WeightedHypotheses.of(case, without_shape=True).shape_log_odds()
 
 
 @dataclass(frozen=True)
@@ -251,7 +251,7 @@ class Averaged(Swept):
 def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     """The average of hypotheses, with the solver and the colors of the likeliest one."""
     fitted = case.fitted or case
-    found = _WeightedHypotheses.of(fitted, without_shape)
+    found = WeightedHypotheses.of(fitted, without_shape)
     average = averaged(found.estimates, found.weights)
     sweep = found.shapes[0].sweep
     exact = case.is_exact
@@ -307,7 +307,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
 
 
 def _written(
-    found: _WeightedHypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
+    found: WeightedHypotheses, average: AlphaEstimate, case: Case, out: PixelMaps | None
 ) -> tuple[ColorModel, PixelMaps]:
     """Colors of the likeliest hypothesis, and maps with the average and its light."""
     box, best = found.box, found.best
@@ -319,8 +319,8 @@ def _written(
 
 
 def _enlarged(
-    found: _WeightedHypotheses, average: AlphaEstimate, case: Case, size: FittingSize
-) -> tuple[_WeightedHypotheses, AlphaEstimate]:
+    found: WeightedHypotheses, average: AlphaEstimate, case: Case, size: FittingSize
+) -> tuple[WeightedHypotheses, AlphaEstimate]:
     """Hypotheses and their average at full size.
 
     To alpha of the average, interpolated, every shape adds the difference of its alpha at full size
