@@ -82,8 +82,8 @@ def reliability(pictures: Sequence[Weighed]) -> Table:
         "Is the likeliest hypothesis as often the nearest to the truth as its weight states?",
         "Pictures of the part tune of Blender Cycles and of blurmatte's own renderer, nothing given, "
         "in four groups by the weight of the likeliest hypothesis. stated: mean of this weight. "
-        "observed: fraction of the pictures in which no other hypothesis has an alpha of less root mean "
-        "square error. std: standard deviation of that fraction if the weights are right.",
+        "observed: fraction of the pictures in which no other hypothesis has an alpha of less root "
+        "mean square error. std: standard deviation of that fraction if the weights are right.",
         ("pictures of", "stated", "observed", "std", "pictures"),
         rows,
         x="stated",
