@@ -24,8 +24,6 @@ OUTPUTS = "out", "overlay", "sheet", "preview", "plot"  # the options that name 
 _inputs: ContextVar[dict[object, Path]] = ContextVar("inputs", default={})  # noqa: B039
 ROWS = "folder, ####, %04d, '*'"
 
-_PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
-
 
 def check_file(path: Path | None, what: str, *endings: str) -> None:
     """Raise FileError if a path has none of the `endings`, is a folder, or lies in none."""
@@ -190,6 +188,8 @@ def expanded(texts: Iterable[str]) -> list[Path]:
 
 
 def _expanded(text: str) -> list[Path]:
+    from blurmatte.files.sequences import natural_order
+
     path = Path(text)
     if path.is_dir():
         found = pictures_in(path)
@@ -200,7 +200,7 @@ def _expanded(text: str) -> list[Path]:
         found = [Path(name) for name in glob(str(path.parent / numbered), recursive=True)]
     if not found:
         raise bm.errors.FileError(f"{text}: there are no such files; check the name or the pattern")
-    return sorted(found, key=lambda p: [(int(n or 0), t) for n, t in _PARTS.findall(str(p))])
+    return sorted(found, key=natural_order)
 
 
 def given_files(images: Iterable[str], *others: str | Path | None) -> tuple[Path, ...]:

@@ -39,7 +39,7 @@ def render(
     archive: Annotated[
         bool, flag("--archive", "Forty scenes for other programs, as one .zip.")
     ] = False,
-    max_pixels: Annotated[int, option("N", "Refuse larger scenes; 25 million.")] = 25_000_000,
+    max_pixels: Annotated[int | None, option("N", "Refuse larger scenes; 25 million.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Render a SCENE: pictures to solve, and their true alpha.
@@ -60,14 +60,15 @@ def render(
         raise ValueError("give a SCENE, or --all, or --list to see what there is")
     if out is None:
         raise ValueError("give --out, the folder for the pictures and the truth")
-    from blurmatte.scenes.reading import scene_files
+    from blurmatte.scenes.reading import MAX_RENDERED_PIXELS, scene_files
     from blurmatte.scenes.saving import SHOT_FILES
 
     check_folder(out)
+    most = MAX_RENDERED_PIXELS if max_pixels is None else max_pixels
     shots = [
         (shot, bm.scenes.scene_text(name), folder)
         for name, place in with_folders(_scene_paths(names), out)
-        for shot, folder in _numbered(bm.scenes.read_shots(name, max_pixels), place)
+        for shot, folder in _numbered(bm.scenes.read_shots(name, most), place)
     ]
     read = [path for name in names for path in scene_files(name)]
     check_outputs(*(folder / name for *_, folder in shots for name in SHOT_FILES), inputs=read)

@@ -25,7 +25,6 @@ from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import saved_in_words, without_layer_in_words
 from blurmatte.figures import draw_clip
 from blurmatte.figures.clip import Matte
-from blurmatte.figures.solution import draw_parallax
 from blurmatte.files.clip_decoding import video_library
 from blurmatte.files.frames import Frames
 from blurmatte.files.reading import read_layer
@@ -39,6 +38,7 @@ from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, shot
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.motion.columns import html_table
 from blurmatte.radiometry import LinearImage
+from blurmatte.results import save_parallax
 
 TABLE_EXTENSIONS = ".csv", ".parquet"
 SHEET_FRAMES = 3  # that the sheet shows with their alpha
@@ -357,12 +357,7 @@ def _written(
         for number, plate in enumerate(work.plates, 1):
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
             write(files[-1], plate)
-    marked = folder / "parallax.png"
-    if work.parallax:
-        files.append(marked)
-        write(marked, draw_parallax(work.plates[0], work.parallax))
-    else:
-        marked.unlink(missing_ok=True)
+    files += save_parallax(folder, work.plates[0], work.parallax)
     files.append(folder / "overview.png")
     grades = Counter(record.grade for record in work.records if record.layer)
     words = saved_in_words(grades, shots, len(work.plates)) + work.problems[:3]

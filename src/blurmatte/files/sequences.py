@@ -83,7 +83,7 @@ def source_paths(source: Source) -> list[Path]:
         return [path]
     if not found:
         raise FileError(f"{source}: name a clip or pictures; no file matches")
-    return sorted(found, key=_natural_order)
+    return sorted(found, key=natural_order)
 
 
 def is_visible(path: Path) -> bool:
@@ -114,7 +114,7 @@ def missing_numbers(numbers: Sequence[int]) -> Iterator[int]:
     return (n for n in range(numbers[0], numbers[-1], max(step, 1)) if n not in known)
 
 
-def _natural_order(path: Path) -> list[tuple[int, str]]:
+def natural_order(path: Path) -> list[tuple[int, str]]:
     """A sort key that puts 10 after 9."""
     return [
         (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))
