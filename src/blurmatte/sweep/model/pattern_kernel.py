@@ -4,7 +4,7 @@ import numpy as np
 
 from blurmatte.compiling import njit
 from blurmatte.sweep.model.rim_kernel import reach_of, variance_of
-from blurmatte.sweep.model.silhouette_kernel import covered_softly
+from blurmatte.sweep.model.silhouette_kernel import covered_softly, within
 
 
 @njit()
@@ -17,19 +17,14 @@ def swept(xy, weights, radius, soft, order, S):  # type: ignore[no-untyped-def]
     part.
     """
     h, w, _ = S.shape
-    variance, reach = variance_of(soft), reach_of(soft)
-    wide, curvature = 1 / np.sqrt(variance), 1 / radius
-    rim = radius - variance / 2 * curvature
-    outer, half_width = rim + reach, np.sqrt(3 * variance)  # of the box of this variance
+    wide, curvature, rim, outer, half_width = _rim_of(radius, soft)
     power_u, power_v = np.ones(order + 1), np.ones(order + 1)
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
-        first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
-        for j in range(first, last + 1):
+        for j in range(*within(cy, outer, h)):
             dy = j - cy
             half = np.sqrt(max(outer * outer - dy * dy, 0.0))
-            left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
-            for i in range(left, right + 1):
+            for i in range(*within(cx, half, w)):
                 dx = i - cx
                 d = np.sqrt(dx * dx + dy * dy)
                 nx, ny = (dx / d, dy / d) if d > 1e-9 else (1.0, 0.0)
@@ -64,19 +59,14 @@ def derivatives(  # type: ignore[no-untyped-def]
     by_path (T, 2, q): of the centers. plate (h, w): B.
     """
     h, w, count = J.shape
-    variance, reach = variance_of(soft), reach_of(soft)
-    wide, curvature = 1 / np.sqrt(variance), 1 / radius
-    rim = radius - variance / 2 * curvature
-    outer, half_width = rim + reach, np.sqrt(3 * variance)
-    rim_by_radius = 1 + variance / 2 * curvature**2
+    wide, curvature, rim, outer, half_width = _rim_of(radius, soft)
+    rim_by_radius = 1 + variance_of(soft) / 2 * curvature**2
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
-        first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
-        for j in range(first, last + 1):
+        for j in range(*within(cy, outer, h)):
             dy = j - cy
             half = np.sqrt(max(outer * outer - dy * dy, 0.0))
-            left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
-            for i in range(left, right + 1):
+            for i in range(*within(cx, half, w)):
                 dx = i - cx
                 d = np.sqrt(dx * dx + dy * dy)
                 nx, ny = (dx / d, dy / d) if d > 1e-9 else (1.0, 0.0)
@@ -102,6 +92,17 @@ def derivatives(  # type: ignore[no-untyped-def]
                 J[j, i, count - 2] += weights[k] * by_radius
                 by_soft = by_soft * f + outward * by_width * np.sqrt(3.0) * soft * wide
                 J[j, i, count - 1] += weights[k] * by_soft
+
+
+@njit()
+def _rim_of(radius, soft):  # type: ignore[no-untyped-def]
+    """Of a disc: 1/σ of the rim's profile, curvature, the radii of the rim and of the pixels that see it.
+
+    The last number is half the width of a box of the variance σ².
+    """
+    variance, curvature = variance_of(soft), 1 / radius
+    rim = radius - variance / 2 * curvature
+    return 1 / np.sqrt(variance), curvature, rim, rim + reach_of(soft), np.sqrt(3 * variance)
 
 
 @njit()

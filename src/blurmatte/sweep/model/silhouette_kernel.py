@@ -87,6 +87,12 @@ def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped
 
 
 @njit()
+def within(center, reach, count):  # type: ignore[no-untyped-def]
+    """First of `count` pixels of a line within a reach of a center, and the one after the last."""
+    return max(int(np.ceil(center - reach)), 0), min(int(np.floor(center + reach)), count - 1) + 1
+
+
+@njit()
 def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: ignore[no-untyped-def]
     """`sweep` for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
 
@@ -104,12 +110,10 @@ def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: 
         by_growth, curvature = late[k] * larger * radius, 1 / (larger * radius)
         r = larger * radius - variance / 2 * curvature
         outer, inner = r + reach, max(r - reach, 0.0)
-        first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
-        for j in range(first, last + 1):
+        for j in range(*within(cy, outer, h)):
             dy = j - cy
             half = np.sqrt(max(outer * outer - dy * dy, 0.0))
-            left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
-            for i in range(left, right + 1):
+            for i in range(*within(cx, half, w)):
                 dx = i - cx
                 square = dx * dx + dy * dy
                 if square < inner * inner:
