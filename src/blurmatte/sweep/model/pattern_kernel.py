@@ -96,7 +96,7 @@ def derivatives(  # type: ignore[no-untyped-def]
 
 @njit()
 def _rim_of(radius, soft):  # type: ignore[no-untyped-def]
-    """Of a disc: 1/σ of the rim's profile, curvature, the radii of the rim and of the pixels that see it.
+    """Of a disc: 1/σ of the rim's profile, its curvature and radius, the radius of pixels that see it.
 
     The last number is half the width of a box of the variance σ².
     """
