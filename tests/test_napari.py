@@ -12,7 +12,7 @@ from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.clips.table import FrameRecord
-from blurmatte.napari.reader import get_reader
+from blurmatte.napari import get_reader
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.trajectory import Trajectory

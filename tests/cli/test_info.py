@@ -11,7 +11,7 @@ import pytest
 from tests.commands import complaint, good, run
 
 import blurmatte as bm
-from blurmatte.cli import environment, kernels
+from blurmatte.cli import kernels, pictures
 
 ROOT = Path(__file__).parents[2]
 
@@ -38,7 +38,7 @@ def test_missing_packages_are_named(monkeypatch):
             raise PackageNotFoundError(name)
         return version(name)
 
-    monkeypatch.setattr(environment, "version", without)
+    monkeypatch.setattr(pictures, "version", without)
     lines = good("info").stdout.splitlines()
     assert lines[0] == f"blurmatte {bm.__version__}"
     (missing,) = (line for line in lines if line.startswith("extras that are not installed:"))
@@ -52,7 +52,7 @@ def test_source_that_is_not_installed_has_no_libraries(monkeypatch):
     def missing(name):
         raise PackageNotFoundError(name)
 
-    monkeypatch.setattr(environment, "requires", missing)
+    monkeypatch.setattr(pictures, "requires", missing)
     found = json.loads(good("info", "--json").stdout)
     assert (found["libraries"], found["extras"]) == ({}, {})
     assert good("info").exit_code == 0

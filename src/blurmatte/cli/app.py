@@ -51,7 +51,7 @@ _SECTIONS = {
         "locate": "motion",
     },
     "Layers and pictures": {
-        "sharpen": "sharpening",
+        "sharpen": "layers",
         "remove": "editing",
         "compose": "editing",
         "stack": "layers",

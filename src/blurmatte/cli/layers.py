@@ -1,9 +1,12 @@
-"""The commands for many layers, and for the paints of one: stack and paints."""
+"""The commands that make other pictures of layers: stack, paints and sharpen."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
@@ -18,9 +21,24 @@ from blurmatte.cli.console import (
     waiting,
     with_progress,
 )
-from blurmatte.cli.paths import PICTURE, ROWS, check_file, check_folder, check_outputs
-from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
+from blurmatte.cli.paths import (
+    CLIPS,
+    CLIPS_OF_LAYERS,
+    PICTURE,
+    ROWS,
+    SHEET,
+    STILL,
+    check_ending,
+    check_file,
+    check_folder,
+    check_outputs,
+    expanded,
+)
+from blurmatte.cli.selection import GUESSED, PICTURES, Layer, Out, OutFolder, OwnPictures, Reading
 from blurmatte.formats import MAX_PIXELS
+
+_OVER_PLATE = tuple(name for name in CLIPS if name not in CLIPS_OF_LAYERS)  # have no alpha
+_SPINS = "none", "auto", "measure"
 
 
 @command(
@@ -87,3 +105,181 @@ def paints(
     numbers: dict[str, Any] = {"grade": str(solution.grade) if graded else None}
     numbers |= {"pixels_times_exposure": dict(areas), "files": written}
     answer(as_json, numbers, [*lines, *written])
+
+
+@dataclass(frozen=True)
+class BlurredPictures(OwnPictures):
+    """The pictures that a layer is from; with them the path is refined."""
+
+    spin: Annotated[
+        str, option("MODE", "Of a ball: none; measure; auto, used if it is likelier.", PICTURES)
+    ] = "none"
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.spin not in _SPINS:
+            raise ValueError(f"--spin must be {', '.join(_SPINS)}, got {self.spin!r}")
+        if self.spin != "none" and self.image is None:
+            raise ValueError(
+                "--spin needs --image and --plate, the pictures with the ball and without"
+            )
+        if self.image is None and self.plate == GUESSED:
+            raise ValueError("--plate none needs --image, from which the scene is guessed")
+        if self.image is not None and self.plate is None:
+            raise ValueError("--image needs --plate, the scene without the object")
+
+
+@command(
+    "sharpen out/layer.exr --frames 8 -o ball.mov",
+    "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --frames 8 -o ball.mp4",
+    "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --spin auto --frames 8 -o ball.mov",
+    "sharpen 'out/*/layer.exr' --frames 4 -o slow.mov",
+)
+def sharpen(
+    layer: Annotated[str, argument("LAYER", f"The layer.exr of solve, or several: {ROWS}.")],
+    pictures: BlurredPictures,
+    reading: Reading,
+    out: Out,
+    frames: Annotated[int, option("N", "Moments of each exposure, equally spaced.")] = 1,
+    rate: Annotated[float, option("FPS", "Frames per second of a clip.")] = 8.0,
+    sheet: Annotated[Path | None, option("FILE", "A sheet: before, after, and the error.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show an object sharp, as it was at moments of the exposure.
+
+    Of one moment, the middle, a layer is written; of several, or of several layers in their order, a
+    clip or a row of layers. A clip without alpha (.mp4, .gif, .webp) shows them over --plate.
+    """
+    if frames < 1:
+        raise ValueError(f"--frames must be 1 or more, got {frames}")
+    check_file(sheet, "a sheet", *SHEET)
+    files = expanded([layer])
+    if len(files) > 1 and (sheet is not None or pictures.image is not None):
+        raise ValueError(f"--image and --sheet are for one layer; {layer} are {len(files)}")
+    single = frames * len(files) == 1
+    check_ending(out, "a sharp object", *(STILL if single else (*STILL, *CLIPS)))
+    if single or out.suffix.lower() in CLIPS:
+        check_file(out, "a sharp object", out.suffix.lower())
+    if out.suffix.lower() in _OVER_PLATE and pictures.plate is None:
+        raise ValueError(f"{out.suffix} has no alpha: add --plate, or write .mov or .exr")
+    answers: list[tuple[dict[str, Any], list[str]]] = []
+    with waiting("sharpening"):
+        image, plate = _read(pictures, reading, files[0])
+        sharps = _sharpened(files, image, plate, reading, sheet, pictures.spin)
+        _write(out, _moments(sharps, frames, image, answers), plate, rate)
+    numbers, lines = [one for one, _ in answers], [line for _, said in answers for line in said]
+    if image is None:
+        lines.append("the path was not refined: that needs --image and --plate")
+    lines.append(str(out))
+    answer(as_json, numbers[0] if len(numbers) == 1 else {"layers": numbers}, lines)
+
+
+def _read(
+    pictures: BlurredPictures, reading: Reading, layer: Path
+) -> tuple[bm.LinearImage | None, bm.LinearImage | None]:
+    """Image and plate, matched, where they are given."""
+    if pictures.plate is None:
+        return None, None
+    if pictures.image is None:
+        return None, reading.read(pictures.plate)
+    image = reading.read(pictures.image)
+    with about(layer):
+        return image, reading.behind(
+            image,
+            pictures.plate,
+            pictures.match,
+            lambda: bm.read_solution(layer, reading.max_pixels).streak,
+        )
+
+
+def _sharpened(
+    files: Sequence[Path],
+    image: bm.LinearImage | None,
+    plate: bm.LinearImage | None,
+    reading: Reading,
+    sheet: Path | None,
+    spin: str,
+) -> Iterator[tuple[list[str], bm.deblurring.Sharp]]:
+    """Grade and sharp object of each layer; only one of them is in memory at a time."""
+    for file in files:
+        with about(file):
+            solution = bm.read_solution(file, reading.max_pixels)
+            if image is None or plate is None or solution.sweep is None:
+                sharp = bm.deblurring.deblur_solution(solution)  # refuses if there is no path
+            else:
+                found: bm.deblurring.Spin | Literal["auto"] | None = None
+                if spin == "auto":
+                    found = "auto"
+                elif spin == "measure":
+                    found = bm.deblurring.fit_spin(image, plate, solution.sweep)
+                sharp = bm.deblur(image, plate, solution.sweep, spin=found)
+        if sheet is not None:
+            with about(sheet):
+                bm.write(sheet, bm.figures.draw_sharp(sharp, solution.layer, image is not None))
+        yield grade_lines(solution), sharp
+
+
+def _moments(
+    sharps: Iterator[tuple[list[str], bm.deblurring.Sharp]],
+    frames: int,
+    image: bm.LinearImage | None,
+    answers: list[tuple[dict[str, Any], list[str]]],
+) -> Iterator[bm.Layer]:
+    """The moments of all objects in order; numbers and lines about each are added to the answers."""
+    for graded, sharp in sharps:
+        answers.append(_answer_of(sharp, graded[:1], frames, image))
+        yield from sharp.subframes(frames)
+
+
+def _answer_of(
+    sharp: bm.deblurring.Sharp, graded: list[str], frames: int, image: bm.LinearImage | None
+) -> tuple[dict[str, Any], list[str]]:
+    """Numbers and lines about an object; graded: the line about its grade, if it has one."""
+    from blurmatte.explain.motion import spin_in_words
+
+    numbers: dict[str, Any] = {
+        "grade": graded[0] if graded else None,
+        "frames": frames,
+        "color_std": float((sharp.node_std**2).mean() ** 0.5),
+        "misfit": None if image is None else sharp.misfit,  # the noise of a layer is not known
+        "path_length_px": sharp.sweeps[0].length,
+    }
+    line = "{frames} sharp, color ± {color_std:.3f} of white, path {path_length_px:.1f} px"
+    if image is not None:
+        line += ", misfit {misfit:.2f} (1 is noise)"
+    lines = [*graded, line.format(**numbers)]
+    if sharp.spin is not None:
+        time = None if image is None else image.meta.exposure_time
+        numbers["spin"] = _numbers_of(sharp.spin, time)
+        lines.append(spin_in_words(sharp.spin, time))
+    return numbers, lines
+
+
+def _numbers_of(spin: bm.deblurring.Spin, exposure_time: float | None) -> dict[str, Any]:
+    """For a machine; revolutions per second are None if the exposure time is unknown."""
+    rates = spin.rate_deg, spin.rate_std_deg
+    return {
+        "axis": spin.axis.tolist(),
+        "axis_std_deg": spin.axis_std_deg,
+        "rate_deg_per_exposure": spin.rate_deg,
+        "rate_std_deg_per_exposure": spin.rate_std_deg,
+        "log_evidence_margin": spin.log_evidence_margin,
+        "ambiguity": spin.ambiguity,
+        "revolutions_per_second": exposure_time and [rate / 360 / exposure_time for rate in rates],
+    }
+
+
+def _write(
+    out: Path, layers: Iterator[bm.Layer], plate: bm.LinearImage | None, rate: float
+) -> None:
+    """Write moments: alone, as a row or a clip, or over the plate."""
+    shown: Any = layers
+    if out.suffix.lower() in _OVER_PLATE and plate is not None:
+        shown = (one.over(plate) for one in shown)
+    first = next(shown)
+    second = next(shown, None)
+    with about(out):
+        if second is None:
+            bm.write(out, first)
+        else:
+            bm.write_frames(out, chain([first, second], shown), rate)
