@@ -17,6 +17,7 @@ it, as the Dirichlet energy of a surface does not depend on scale.
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,13 @@ _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that i
 MAX_NODES = 1500  # of a Cholesky factor that is not banded
 HARMONICS = 8  # of the light on a ball: those of orders 1 and 2
 FIELD_STD = 0.05  # of colored light: half of a factor's on gray paint, to which white light belongs
+
+
+class Stencil(NamedTuple):
+    """Nodes (m, k) of m differences, and their coefficients (k,)."""
+
+    nodes: npt.NDArray[np.intp]
+    coefficients: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,6 +96,17 @@ class Lattice:
         ]
         both = np.concatenate(pairs)
         return np.sort(both[(both >= 0).all(axis=1)], axis=1).astype(np.intp)
+
+    @property
+    def stencils(self) -> tuple[Stencil, ...]:
+        """Differences of first and of second order."""
+        node = self.node
+        rows = node[:, :-2], node[:, 1:-1], node[:, 2:]
+        columns = node[:-2], node[1:-1], node[2:]
+        square = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
+        line = np.concatenate([_inside(*rows), _inside(*columns)])
+        mixed = Stencil(_inside(*square), np.sqrt(2) * np.array([1.0, -1.0, -1.0, 1.0]))
+        return _first(self.edges), Stencil(line, np.array([1.0, -2.0, 1.0])), mixed
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,3 +168,19 @@ class Sphere:
         ]
         both = np.sort(np.concatenate(pairs), axis=1)
         return np.unique(both, axis=0).astype(np.intp)
+
+    @property
+    def stencils(self) -> tuple[Stencil, ...]:
+        """Differences of first order alone: the cells are not square."""
+        return (_first(self.edges),)
+
+
+def _first(edges: npt.NDArray[np.intp]) -> Stencil:
+    """Differences of first order."""
+    return Stencil(edges, np.array([1.0, -1.0]))
+
+
+def _inside(*nodes: Ints32) -> npt.NDArray[np.intp]:
+    """(m, k) nodes of which none is missing."""
+    together = np.stack([one.ravel() for one in nodes], axis=1)
+    return together[(together >= 0).all(axis=1)].astype(np.intp)

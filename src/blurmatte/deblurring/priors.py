@@ -38,14 +38,13 @@ weights.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Ints32
-from blurmatte.deblurring.lattice import Lattice, Sphere
+from blurmatte.checks import Array
+from blurmatte.deblurring.lattice import Lattice, Sphere, Stencil
 from blurmatte.deblurring.normal_equations import (
     Normal,
     NormalEquations,
@@ -66,13 +65,6 @@ _RATIOS = 0.25 * 4.0 ** np.arange(6)  # τ
 _DECREASE = 0.4  # of λ, for a first guess, if τ increases by a factor 4
 
 
-class Stencil(NamedTuple):
-    """Nodes (m, k) of m differences, and their coefficients (k,)."""
-
-    nodes: npt.NDArray[np.intp]
-    coefficients: Array
-
-
 @dataclass(frozen=True, eq=False)
 class Differences:
     """The m differences of n nodes, those of first order first.
@@ -90,17 +82,8 @@ class Differences:
 
     @classmethod
     def of(cls, lattice: Lattice | Sphere) -> "Differences":
-        """Those of a lattice; of first order only on a sphere, whose cells are not square."""
-        first = Stencil(lattice.edges, np.array([1.0, -1.0]))
-        if isinstance(lattice, Sphere):
-            return cls(lattice.unknowns, (first,))
-        node = lattice.node
-        rows = node[:, :-2], node[:, 1:-1], node[:, 2:]
-        columns = node[:-2], node[1:-1], node[2:]
-        square = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
-        line = np.concatenate([_inside(*rows), _inside(*columns)])
-        mixed = Stencil(_inside(*square), np.sqrt(2) * np.array([1.0, -1.0, -1.0, 1.0]))
-        return cls(lattice.unknowns, (first, Stencil(line, np.array([1.0, -2.0, 1.0])), mixed))
+        """Those of a lattice or a sphere."""
+        return cls(lattice.unknowns, lattice.stencils)
 
     @property
     def orders(self) -> list[slice]:
@@ -170,12 +153,6 @@ class Differences:
                     variance += a * b * band[np.minimum(i, j), np.abs(j - i)]
             parts.append(variance)
         return np.concatenate(parts)
-
-
-def _inside(*nodes: Ints32) -> npt.NDArray[np.intp]:
-    """(m, k) nodes of which none is missing."""
-    together = np.stack([one.ravel() for one in nodes], axis=1)
-    return together[(together >= 0).all(axis=1)].astype(np.intp)
 
 
 @dataclass(frozen=True, eq=False)

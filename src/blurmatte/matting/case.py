@@ -23,7 +23,8 @@ from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
 from blurmatte.matting.special_pixels import MixedPlate, mixed_plate
 from blurmatte.matting.stats import SolutionStats
-from blurmatte.radiometry import LinearImage, Noise
+from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry.image import with_inflated
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fitting_size import FittingSize
@@ -234,11 +235,7 @@ class Solver(ABC):
 def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:
     """The picture with the noise inflation of the best sweep."""
     factor = 1.0 if hypotheses is None else hypotheses.best.diagnostics.noise_inflation
-    if factor == 1:
-        return picture
-    if isinstance(picture.noise, Noise):  # it needs less memory than a variance for each pixel
-        return picture.with_noise(picture.noise.times(factor))
-    return picture.with_noise(factor * picture.variance)
+    return picture if factor == 1 else with_inflated(picture, factor)
 
 
 def grown_mask(streak: Streak, image: LinearImage, plate: LinearImage, model: ColorModel) -> Streak:

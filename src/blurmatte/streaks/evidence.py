@@ -19,7 +19,7 @@ import scipy
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, Noise, rounding_noise
-from blurmatte.radiometry.image import VARIANCE_FLOOR
+from blurmatte.radiometry.image import VARIANCE_FLOOR, part_of
 from blurmatte.statistics import cell_means, robust_std
 
 # Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells.
@@ -189,17 +189,11 @@ def outliers(image: LinearImage, plate: LinearImage) -> Bools:
     found = np.zeros(image.valid.shape, bool)
     for first in range(0, len(found), STRIP_ROWS):
         rows = slice(max(first - RING, 0), first + STRIP_ROWS + RING)
-        d = np.asarray(image.rgb[rows] - plate.rgb[rows], np.float32)
-        sigma = np.sqrt(np.maximum(_variance(image, rows) + _variance(plate, rows), 1e-12))
-        found[rows] |= _in_strip(d, sigma, image.valid[rows] & plate.valid[rows])
+        C, B = (part_of(picture, rows) for picture in (image, plate))
+        d = np.asarray(C.rgb - B.rgb, np.float32)
+        sigma = np.sqrt(np.maximum(C.variance + B.variance, 1e-12))
+        found[rows] |= _in_strip(d, sigma, C.valid & B.valid)
     return found
-
-
-def _variance(picture: LinearImage, rows: slice) -> Floats:
-    """Noise variance of some rows, without that of the others."""
-    if isinstance(picture.noise, Noise):
-        return picture.noise.variance(picture.rgb[rows])
-    return picture.variance[rows]
 
 
 def _in_strip(d: Floats, sigma: Floats, valid: Bools) -> Bools:
