@@ -11,6 +11,7 @@ import blurmatte as bm
 from blurmatte.calibration import with_noise
 from blurmatte.deblurring.compressed import linearized
 from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.sharp import affordable
 from blurmatte.deblurring.view import View
 from blurmatte.metrics.motion import subframe_psnr
 from blurmatte.rendering import Camera
@@ -273,11 +274,11 @@ def test_a_rejected_sweep_is_warned_of(ball):
         bm.deblur(ball.image, ball.plate, rejected, refine=False)
 
 
-def test_large_curved_objects_get_a_coarser_lattice(ball, monkeypatch):
-    monkeypatch.setattr("blurmatte.deblurring.sharp._MAX_WORK", 1e4)
-    coarse = bm.deblur(ball.image, ball.plate, ball.sweep, refine=False)
-    assert coarse.lattice.pitch > 1.2
-    assert coarse.lattice.size < Lattice.of(ball.sweep).size
+def test_large_curved_objects_get_a_coarser_lattice(ball):
+    view = View.of(*with_noise(ball.image, ball.plate), ball.sweep, None)
+    coarse = affordable([view], max_work=1e4)
+    assert coarse.pitch > 1.2
+    assert coarse.size < Lattice.of(ball.sweep).size
 
 
 @pytest.mark.parametrize(

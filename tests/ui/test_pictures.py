@@ -3,7 +3,6 @@
 import io
 import multiprocessing
 import pickle
-import sys
 
 import numpy as np
 import pytest
@@ -201,8 +200,8 @@ def test_what_cannot_be_shown_is_refused_in_one_line(folder, viewer, name, value
     assert "\n" not in refusal
 
 
-def test_memory_is_bounded(folder, viewer, monkeypatch):
-    monkeypatch.setattr(sys.modules[ShownPictures.__module__], "_CACHE_BYTES", 3 * 48 * 64 * 12)
+def test_memory_is_bounded(folder):
+    viewer = ShownPictures(max_bytes=3 * 48 * 64 * 12)
     for number in range(10):
         viewer._picture(folder / "clip.mp4", number)
     assert sum(size for _, size in viewer._cache.values()) <= 3 * 48 * 64 * 12

@@ -289,7 +289,7 @@ def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
 
 
 def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
-    lattice = _affordable(views)
+    lattice = affordable(views)
     state = refined(views, lattice) if refine else explained(views, lattice)
     differences = Differences.of(lattice)
     equations = state.equations.widened(differences.width)
@@ -330,7 +330,7 @@ def _warn_if_doubtful(sharp: Sharp, doubt: str) -> None:
         warn(reason)
 
 
-def _affordable(views: Sequence[View]) -> Lattice | Sphere:
+def affordable(views: Sequence[View], max_work: float = _MAX_WORK) -> Lattice | Sphere:
     """A lattice of one pixel, or a coarser one if its Cholesky factors would need too much work.
 
     A ball that spins has a sphere, see `Sphere.within`.
@@ -345,9 +345,9 @@ def _affordable(views: Sequence[View]) -> Lattice | Sphere:
     blurs = [view.blur(lattice, count) for view, count in zip(views, counts, strict=True)]
     width = max(bandwidth(blur.A, lattice) for blur in blurs)
     work = lattice.size * float(width) ** 2
-    if work <= _MAX_WORK:
+    if work <= max_work:
         return lattice
-    return Lattice.of(views[0].sweep, (work / _MAX_WORK) ** (1 / 6))
+    return Lattice.of(views[0].sweep, (work / max_work) ** (1 / 6))
 
 
 def deblur_solution(solution: Solution) -> Sharp:

@@ -60,9 +60,10 @@ class _Played:
 
 
 class ShownPictures:
-    """Pictures in memory, and what is asked of them."""
+    """Pictures in memory, of so many bytes, and what is asked of them."""
 
-    def __init__(self) -> None:
+    def __init__(self, max_bytes: int = _CACHE_BYTES) -> None:
+        self._max_bytes = max_bytes
         self._cache: OrderedDict[Any, tuple[Any, int]] = OrderedDict()
         self._played: _Played | None = None
         self._questions: dict[str, Callable[..., bytes | dict[str, Any]]] = {
@@ -90,7 +91,7 @@ class ShownPictures:
             made = make()
             self._cache[key] = made, size(made)
         self._cache.move_to_end(key)
-        while len(self._cache) > 1 and sum(n for _, n in self._cache.values()) > _CACHE_BYTES:
+        while len(self._cache) > 1 and sum(n for _, n in self._cache.values()) > self._max_bytes:
             self._cache.popitem(last=False)
         kept: T = self._cache[key][0]
         return kept
