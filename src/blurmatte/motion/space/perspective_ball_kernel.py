@@ -10,9 +10,8 @@ outline, with ψ the angle between x and d and ∇ψ its change from pixel to pi
 import numpy as np
 
 from blurmatte.compiling import njit
+from blurmatte.sweep.model.rim_kernel import reach_of
 from blurmatte.sweep.model.silhouette_kernel import covered
-
-_REACH = 0.7072  # pixels: half the diagonal of a pixel; beyond, a pixel is inside or outside
 
 
 @njit()
@@ -23,7 +22,7 @@ def flight(X, D, weights, boxes, rays, slopes, alpha, J):  # type: ignore[no-unt
     (T, 4) the pixels x0, y0, x1, y1 that may see it; rays (h, w, 3) are unit directions, slopes
     (h, w, 3, 2) their change from pixel to pixel.
     """
-    n = D.shape[2]
+    n, reach = D.shape[2], reach_of(0.0)  # beyond, a pixel is inside or outside
     d, by_X = np.empty(3), np.empty(3)
     for k in range(len(X)):
         distance = np.sqrt(X[k, 0] ** 2 + X[k, 1] ** 2 + X[k, 2] ** 2)
@@ -42,10 +41,10 @@ def flight(X, D, weights, boxes, rays, slopes, alpha, J):  # type: ignore[no-unt
                 gy = -(slope[0, 1] * d[0] + slope[1, 1] * d[1] + slope[2, 1] * d[2]) / sine
                 G = np.sqrt(gx * gx + gy * gy)
                 s = (rho - np.arctan2(sine, cosine)) / max(G, 1e-30) - G / (24 * rho)
-                if s >= _REACH:
+                if s >= reach:
                     alpha[j, i] += weights[k]
                     continue
-                if not s > -_REACH:
+                if not s > -reach:
                     continue
                 part, gain = covered(s, gx / G, gy / G)
                 alpha[j, i] += weights[k] * part
