@@ -88,7 +88,11 @@ def _candidates(image: LinearImage) -> list[Box]:
 
 
 def _misfit(light: Array, known: Bools) -> Array:
-    """(rows, columns) squared residuals of a robust polynomial over their variance, of all channels."""
+    """(rows, columns) squared residuals of a robust polynomial over their variance, of all channels.
+
+    An object covers many cells that agree with each other: Tukey's bisquare gives them no weight at
+    all, and Student's t a little.
+    """
     y, x = (np.linspace(-1, 1, n) for n in known.shape)
     terms = np.polynomial.legendre.legvander2d(
         *np.meshgrid(x, y),

@@ -139,7 +139,11 @@ def fit_sensor(x: Array, y: Array, spread: Array, rounding: Array) -> tuple[Arra
 
 
 def _weighted(A: Array, y: Array, spread: Array, rounding: Array) -> tuple[Array, Array, Array]:
-    """θ, weights of the levels and standard deviations of y; outliers are weighted down (Cauchy)."""
+    """θ, weights of the levels and standard deviations of y; outliers are weighted down.
+
+    The weights are Cauchy's with the scale of the scatter, for the likelihood of a level where
+    something moved is not known.
+    """
     theta, trust = np.zeros(A.shape[1]), np.ones(len(y))
     y_std = spread * np.maximum(y + rounding, _TINY)
     for _ in range(8):

@@ -258,7 +258,10 @@ def _best_direction(evidence: EvidenceKinds, pixels: StreakPixels) -> Array:
 def _refined(
     evidence: EvidenceKinds, pixels: StreakPixels, start: Array, reach: float
 ) -> tuple[Array, float]:
-    """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees."""
+    """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees.
+
+    Nelder and Mead's search needs no derivatives, which the cost has none of at bounds of the light.
+    """
     tangent = perpendicular(start)
 
     def cost(x: Array) -> float:

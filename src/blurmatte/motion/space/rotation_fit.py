@@ -245,7 +245,7 @@ class _Point:
 
     @property
     def cost(self) -> float:
-        """Huber's loss."""
+        """Huber's loss: Student's t has almost no slope where a start is far off."""
         return float(scipy.special.huber(_HUBER_RESIDUAL, self.e).sum())
 
     def information(self) -> tuple[Array, Array]:

@@ -10,7 +10,8 @@ shorter path with a softer rim, or a brighter color with a fainter mask, would b
 Each step solves the normal equations of the cells that no bound holds, eliminates them from those of
 path and color, and moves all (variable projection). Fits start on large pixels from the paths of other
 shapes, from these shortened and extended, and from short lines; those of the least cost continue on
-small pixels.
+small pixels. Only path and color are damped, after the cells are eliminated under their bounds;
+`descent` damps all parameters alike.
 """
 
 from collections.abc import Iterator, Sequence

@@ -39,7 +39,8 @@ _FIRST_SOFTNESS = 0.3
 _MAX_SOFTNESS = 1.0
 _DIFFERENCE = 0.02  # of numerical derivatives
 _MAX_CAST_STEPS = 8  # of the shadow in a round
-_CAUCHY_SCALE = 2.5  # of the loss, standard deviations
+# Standard deviations; the loss is, up to a factor, Student's t of the square as degrees of freedom
+_CAUCHY_SCALE = 2.5
 
 
 def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow] | None:
