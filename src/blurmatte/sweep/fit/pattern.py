@@ -26,7 +26,7 @@ from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
 from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.model.observation import BlockStatistics
-from blurmatte.sweep.model.silhouette import Silhouette, moments
+from blurmatte.sweep.model.silhouette import moments
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE, loss, student_weight
 
@@ -56,7 +56,7 @@ def may_have_pattern(state: State) -> bool:
     shape, known = state.silhouette, state.observation
     if known.light_alone or known.prior is not None:
         return False
-    plain = isinstance(shape, Silhouette) and shape.is_disc and not shape.changes
+    plain = shape.is_disc and not shape.has("rates")
     return plain and shape.opacity == 1 and known.camera_stretch == (0.0, 0.0)
 
 
