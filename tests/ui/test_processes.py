@@ -11,7 +11,7 @@ from contextlib import suppress
 import pytest
 from tests.ui.programs import is_alive, program, wait_for
 
-from blurmatte.ui.processes import INTERRUPT, READY, Ended, Helper, Line, Said, Step, work
+from blurmatte.ui.processes import INTERRUPT, READY, Ended, ErrorLine, Helper, Line, Step, work
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs groups of processes")
 
@@ -134,7 +134,7 @@ def test_lines_are_run_in_the_folder_in_their_order_with_what_they_say(folder):
         READY,
         Step(1, "writing", 1, 2, 3.0),
         Ended(1, 0, '{"grade": "confirmed"}\n'),
-        Said(2, "blurmatte: a.png: is no picture"),
+        ErrorLine(2, "blurmatte: a.png: is no picture"),
         Ended(2, 2, ""),
         Ended(3, 0, "b.png b.png\n"),
         None,
@@ -146,7 +146,9 @@ def test_lines_are_run_in_the_folder_in_their_order_with_what_they_say(folder):
 def test_a_warning_is_given_in_every_job(folder):
     warned = ("solve", "warn")
     got = run(folder, warned, warned, until=lambda one: isinstance(one, Ended) and one.job == 2)
-    said = [one.job for one in got if isinstance(one, Said) and "UserWarning: the same" in one.text]
+    said = [
+        one.job for one in got if isinstance(one, ErrorLine) and "UserWarning: the same" in one.text
+    ]
     assert said == [1, 2]
 
 

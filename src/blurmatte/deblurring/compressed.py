@@ -41,7 +41,7 @@ from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.normal_equations import Normal, NormalEquations, posterior
 from blurmatte.deblurring.operator import Blur
 from blurmatte.deblurring.priors import Bound, Differences, GaussianFit, traces
-from blurmatte.deblurring.refine import Explained
+from blurmatte.deblurring.refine import ExplainedViews
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.sweep.model.chroma_subsampling import codes_before
@@ -103,7 +103,7 @@ class _Data:
 
 
 def compressed_color(
-    state: Explained,
+    state: ExplainedViews,
     equations: NormalEquations,
     of_channels: NormalEquations,
     differences: Differences,
@@ -140,7 +140,7 @@ class _QuadraticFit:
 
     def __init__(
         self,
-        state: Explained,
+        state: ExplainedViews,
         equations: NormalEquations,
         differences: Differences,
         smooth: GaussianFit,

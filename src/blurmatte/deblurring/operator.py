@@ -128,7 +128,7 @@ def blurred(
     lattice: Lattice,
     pixels: Pixels,
     poses: Poses,
-    near: "Seen | None" = None,
+    near: "SeenMoments | None" = None,
 ) -> tuple[Array, Array]:
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
     from blurmatte.deblurring import operator_kernel  # loads scipy.special
@@ -138,14 +138,14 @@ def blurred(
     return np.asarray(alpha), np.asarray(sums)
 
 
-def _on_lattice(lattice: Lattice, poses: Poses, seen: "Seen") -> tuple[Any, ...]:
+def _on_lattice(lattice: Lattice, poses: Poses, seen: "SeenMoments") -> tuple[Any, ...]:
     """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
     to_lattice = seen.to_disc * (lattice.radius / lattice.pitch)
     grid = lattice.corner, lattice.node, seen.width
     return poses.durations, seen.xy, to_lattice, *grid, seen.covered
 
 
-class Seen(NamedTuple):
+class SeenMoments(NamedTuple):
     """When the pixels of a box, `width` wide, see the object: covered moments in their order.
 
     In these pixels xy (T, 2) are the centers, and to_disc (T, 2, 2) maps the picture to the unit disc.
@@ -173,7 +173,9 @@ class Seen(NamedTuple):
         return np.asarray(alpha, float)
 
 
-def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses, near: Seen | None = None) -> Seen:
+def seen_moments(
+    sweep: Sweep, pixels: Pixels, poses: Poses, near: SeenMoments | None = None
+) -> SeenMoments:
     """The moments at which pixels, or blocks of them, see the object: those of a near motion."""
     from blurmatte.deblurring import operator_kernel  # loads scipy.special
 
@@ -186,7 +188,7 @@ def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses, near: Seen | None =
     else:
         covered = operator_kernel.covered_again(*motion, *near.covered)
     to_disc = np.linalg.inv(poses.maps) * (pixels.scale / sweep.radius)
-    return Seen(covered, xy, np.asarray(to_disc, float), pixels.shape[1], sweep.shape, rim)
+    return SeenMoments(covered, xy, np.asarray(to_disc, float), pixels.shape[1], sweep.shape, rim)
 
 
 def projected(
@@ -216,7 +218,7 @@ def row_sums(first: npt.NDArray[np.int64], weight: Array, values: Array) -> Arra
     return np.stack(sums, axis=1)
 
 
-def _on_sphere(poses: Poses, seen: Seen) -> tuple[Entries, Array, Array]:
+def _on_sphere(poses: Poses, seen: SeenMoments) -> tuple[Entries, Array, Array]:
     """Entries of the kernels; the light (m,) of the spin and the harmonics (m, k) at each."""
     first, moment, part = seen.covered
     normal = seen.normals

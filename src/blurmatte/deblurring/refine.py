@@ -60,7 +60,7 @@ _SAMPLES = 4  # of noise in a picture
 
 
 @dataclass(frozen=True, eq=False)
-class Explained:
+class ExplainedViews:
     """Views of one object, and its straight color under a Gaussian prior.
 
     Parameters
@@ -87,7 +87,7 @@ class Explained:
 
 def explained(
     views: Sequence[View], lattice: Lattice | Sphere, weights: Sequence[Array] | None = None
-) -> Explained:
+) -> ExplainedViews:
     """The color that explains views, with the likeliest strength of its prior.
 
     Evidences of two motions compare under the same weights.
@@ -96,16 +96,18 @@ def explained(
     weights = _weights(views, blurs) if weights is None else weights
     equations = _equations(views, blurs, weights, lattice)
     fit = fit_gaussian(equations, lattice)
-    return Explained(tuple(views), tuple(blurs), tuple(weights), equations, fit)
+    return ExplainedViews(tuple(views), tuple(blurs), tuple(weights), equations, fit)
 
 
-def _moved(views: Sequence[View], first: Explained, lattice: Lattice | Sphere) -> Explained:
+def _moved(
+    views: Sequence[View], first: ExplainedViews, lattice: Lattice | Sphere
+) -> ExplainedViews:
     """Views with another motion, under the weights and the prior of the first state."""
     blurs = [view.blur(lattice) for view in views]
     equations = _equations(views, blurs, first.weights, lattice)
     Q = gradient_prior(lattice, equations.width)
     fit = fit_strength(equations, Q, first.fit.strength)
-    return Explained(tuple(views), tuple(blurs), first.weights, equations, fit)
+    return ExplainedViews(tuple(views), tuple(blurs), first.weights, equations, fit)
 
 
 def _weights(views: Sequence[View], blurs: Sequence[Blur]) -> list[Array]:
@@ -129,7 +131,7 @@ def refined(
     steps: int = MAX_STEPS,
     weights: Sequence[Array] | None = None,
     least_gain: float = LEAST_GAIN,
-) -> Explained:
+) -> ExplainedViews:
     """The views with the likeliest paths, shapes and spins, and their covariance, by some steps.
 
     They end where a step is expected to increase the log evidence by less than the least gain. Without
@@ -160,7 +162,7 @@ def _likeliest(
     weights: Sequence[Array] | None = None,
     steps: int = MAX_STEPS,
     least_gain: float = LEAST_GAIN,
-) -> tuple[Explained, Array]:
+) -> tuple[ExplainedViews, Array]:
     """The views with the likeliest parameters, from a start, and the information about them."""
     state = explained(_at(known, start), lattice, weights)
     first = replace(state, views=tuple(known))
@@ -183,7 +185,7 @@ def _likeliest(
     return state, information
 
 
-def _within_streak(state: Explained, lattice: Lattice | Sphere) -> Explained:
+def _within_streak(state: ExplainedViews, lattice: Lattice | Sphere) -> ExplainedViews:
     """The equations of the pixels that see the object, with the refined error of alpha."""
     views = tuple(replace(v.with_error_of_alpha(), shared_weight=True) for v in state.views)
     weights = _weights(views, state.blurs)
@@ -214,8 +216,8 @@ def with_curvature(information: Array, secants: Sequence[Secant]) -> Array:
 
 
 def _along(
-    state: Explained, step: Array, first: Explained, lattice: Lattice | Sphere
-) -> Explained | None:
+    state: ExplainedViews, step: Array, first: ExplainedViews, lattice: Lattice | Sphere
+) -> ExplainedViews | None:
     """The state after a step or a part of it; None if none is better."""
     before, at = objective(state, first), _parameters(state.views)
     for part in (1.0, 0.4):
@@ -225,7 +227,7 @@ def _along(
     return None
 
 
-def objective(state: Explained, first: Explained) -> float:
+def objective(state: ExplainedViews, first: ExplainedViews) -> float:
     """The objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2."""
     total = state.fit.log_evidence
     for view, known in zip(state.views, first.views, strict=True):
@@ -240,7 +242,7 @@ def _precision(view: View) -> Array:
 
 
 def information_of(
-    state: Explained, first: Explained, lattice: Lattice | Sphere
+    state: ExplainedViews, first: ExplainedViews, lattice: Lattice | Sphere
 ) -> tuple[Array, Array]:
     """Information about the parameters of all views, and the gradient of the objective."""
     s, color = state.fit.noise_scale, state.fit.normal.mean
@@ -288,7 +290,7 @@ def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     return J
 
 
-def scores(state: Explained, sphere: Sphere) -> Array:
+def scores(state: ExplainedViews, sphere: Sphere) -> Array:
     """(pixels, k) parts of the gradient of log Z of one view on a sphere; their sum is the gradient."""
     (view,), ((A, alpha),), (weight,) = state.views, state.blurs, state.weights
     J, volume = _derivatives_on_sphere(view, state.fit, sphere, A, weight)
@@ -329,7 +331,7 @@ def _at(views: Sequence[View], parameters: Array, covariance: Array | None = Non
     return found
 
 
-def color_variance_inflation(state: Explained, fit: GaussianFit) -> float:
+def color_variance_inflation(state: ExplainedViews, fit: GaussianFit) -> float:
     """Variance of the color with correlated noise over that with independent noise, at least 1."""
     rng, shape = np.random.default_rng(0), fit.normal.mean.T.shape
     seen = np.zeros((2, *shape, _SAMPLES))  # independent and correlated noise, channels, nodes

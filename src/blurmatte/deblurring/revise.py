@@ -24,7 +24,7 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.refine import Explained, explained, information_of, refined
+from blurmatte.deblurring.refine import ExplainedViews, explained, information_of, refined
 from blurmatte.deblurring.view import View
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, scaled_inverse
@@ -59,11 +59,11 @@ class _BlockPicture:
         alpha = coarse.blur(lattice).alpha
         return cls(coarse, lattice, [coarse.weight(alpha, around=True)])
 
-    def start(self, sweep: Sweep) -> Explained:
+    def start(self, sweep: Sweep) -> ExplainedViews:
         """The light explained by a sweep."""
         return explained([replace(self.view, sweep=sweep)], self.lattice, self.weights)
 
-    def refined(self, sweep: Sweep) -> Explained:
+    def refined(self, sweep: Sweep) -> ExplainedViews:
         """The light explained by the likeliest sweep from this one."""
         view = replace(self.view, sweep=sweep)
         return refined([view], self.lattice, _MAX_STEPS, self.weights, _LEAST_GAIN)
@@ -78,7 +78,7 @@ class _RefinedSweep:
     misfit: float
 
     @classmethod
-    def of(cls, state: Explained, prior: Array) -> "_RefinedSweep":
+    def of(cls, state: ExplainedViews, prior: Array) -> "_RefinedSweep":
         """Of explained light, by the prior covariance of the parameters."""
         sweep, free = state.views[0].sweep, np.diag(prior) > 0
         volumes = [np.linalg.slogdet(C[np.ix_(free, free)])[1] for C in (sweep.covariance, prior)]

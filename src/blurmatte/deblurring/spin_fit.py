@@ -29,7 +29,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import FIELD_STD, HARMONICS, MAX_NODES, Lattice, Sphere
 from blurmatte.deblurring.priors import Differences, log_determinant
-from blurmatte.deblurring.refine import Explained, explained, refined, scores
+from blurmatte.deblurring.refine import ExplainedViews, explained, refined, scores
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_search import (
     CONTRASTS,
@@ -127,7 +127,7 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     return replace(spin, log_evidence_margin=margin)
 
 
-def _strip_covariance(state: Explained, sphere: Sphere) -> Array:
+def _strip_covariance(state: ExplainedViews, sphere: Sphere) -> Array:
     """(k, k) covariance of the parameters, with errors of the model that vary over the picture.
 
     The infinitesimal jackknife [Jaeckel 1972]: with the posterior covariance S, a strip of the picture
@@ -181,14 +181,14 @@ def _check_path(prior: Sweep, found: Sweep) -> None:
         )
 
 
-def _candidates(view: View) -> list[Explained]:
+def _candidates(view: View) -> list[ExplainedViews]:
     """Refined rotations, compared under the same weights; the best first.
 
     An error of path or shading may hide a maximum from the search. It is repeated at those of the
     likeliest candidate, and further candidates begin near that one.
     """
     sphere = Sphere.of(view.sweep.radius, view.sweep.radius / NODES_PER_RADIUS)
-    at, states, weights = view, list[Explained](), None
+    at, states, weights = view, list[ExplainedViews](), None
     grid = [*rotation_grid(SPACING)]
     for starts in (_MAX_STARTS, _MAX_STARTS // 2, 0):
         if starts:
@@ -210,9 +210,9 @@ def _candidates(view: View) -> list[Explained]:
     return _ranked([*final, *_unlikely(states)])
 
 
-def _likely(states: Sequence[Explained]) -> list[Explained]:
+def _likely(states: Sequence[ExplainedViews]) -> list[ExplainedViews]:
     """Those with different rotations that are not far less likely than the first."""
-    kept: list[Explained] = []
+    kept: list[ExplainedViews] = []
     for state in states:
         away = [_rotation(state.views[0]) - _rotation(other.views[0]) for other in kept]
         if _may_be_best(states[0], state) and all(np.linalg.norm(w) > SAME_MODE for w in away):
@@ -220,21 +220,21 @@ def _likely(states: Sequence[Explained]) -> list[Explained]:
     return kept
 
 
-def _unlikely(states: Sequence[Explained]) -> list[Explained]:
+def _unlikely(states: Sequence[ExplainedViews]) -> list[ExplainedViews]:
     return [state for state in states if not _may_be_best(states[0], state)]
 
 
-def _may_be_best(first: Explained, state: Explained) -> bool:
+def _may_be_best(first: ExplainedViews, state: ExplainedViews) -> bool:
     """True if the coarse lattice may have misjudged it."""
     least = VARIANCE_INFLATION * _HOPELESS_LOG_BAYES_FACTOR
     return first.fit.log_evidence - state.fit.log_evidence <= least
 
 
 def _refined_on_fine(
-    fine: View, candidates: Sequence[Explained], covariance: Array
-) -> list[Explained]:
+    fine: View, candidates: Sequence[ExplainedViews], covariance: Array
+) -> list[ExplainedViews]:
     """Candidates on the fine lattice, under the same weights; the likeliest first."""
-    sphere, states = Sphere.within(fine.sweep.radius, MAX_NODES), list[Explained]()
+    sphere, states = Sphere.within(fine.sweep.radius, MAX_NODES), list[ExplainedViews]()
     for candidate in candidates[:_MAX_FINE]:
         (one,) = candidate.views
         start = _start(replace(fine, sweep=one.sweep, spin=one.spin), covariance)
@@ -251,7 +251,7 @@ def _start(view: View, covariance: Array, rotation: Array | None = None) -> View
 
 
 def _new_rotations(
-    search: Search, modes: Sequence[Mode], states: Sequence[Explained]
+    search: Search, modes: Sequence[Mode], states: Sequence[ExplainedViews]
 ) -> list[Array]:
     """Likely rotations that no state has, unless a ball without texture explains the light as well."""
     found = [mode.rotation for mode in modes]
@@ -267,12 +267,12 @@ def _new_rotations(
     return [w for w in found if all(np.linalg.norm(w - other) > SAME_MODE for other in known)]
 
 
-def _ranked(states: list[Explained]) -> list[Explained]:
+def _ranked(states: list[ExplainedViews]) -> list[ExplainedViews]:
     """The likeliest first."""
     return sorted(states, key=lambda state: -state.fit.log_evidence)
 
 
-def _check_highlights(states: Sequence[Explained]) -> None:
+def _check_highlights(states: Sequence[ExplainedViews]) -> None:
     """Raise SpinError if another rotation explains the picture with highlights, which do not turn."""
     evidences = []
     for state in states:
@@ -297,7 +297,7 @@ def _inflation(view: View, covariance: Array) -> float:
     return float(np.trace(np.linalg.solve(expected, found)) / 3)
 
 
-def _margin(states: Sequence[Explained], inflation: float) -> float:
+def _margin(states: Sequence[ExplainedViews], inflation: float) -> float:
     """Log Bayes factor of the first state over the likeliest one with a different rotation.
 
     Raises
@@ -325,7 +325,7 @@ def _margin(states: Sequence[Explained], inflation: float) -> float:
     return float(margin)
 
 
-def _check_misfit(state: Explained) -> None:
+def _check_misfit(state: ExplainedViews) -> None:
     """Raise SpinError if the residuals are too large."""
     if state.fit.noise_scale > MAX_MISFIT:
         raise SpinError(
@@ -334,7 +334,7 @@ def _check_misfit(state: Explained) -> None:
         )
 
 
-def _check_turning(state: Explained, spin: Spin) -> None:
+def _check_turning(state: ExplainedViews, spin: Spin) -> None:
     """Raise SpinError if the ball seems not to turn, and its pattern may be light instead of texture.
 
     Light that does not turn looks like a texture that does not turn. On one paint it adds multiples of

@@ -26,7 +26,7 @@ from blurmatte.deblurring import sphere_kernel
 from blurmatte.deblurring.lattice import Sphere
 from blurmatte.deblurring.operator import (
     Entries,
-    Seen,
+    SeenMoments,
     Sparse,
     poses_of,
     row_sums,
@@ -321,7 +321,7 @@ def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:
     return kept
 
 
-def _entries(seen: Seen, use: Bools, count: int, spin: Spin | None) -> Entries:
+def _entries(seen: SeenMoments, use: Bools, count: int, spin: Spin | None) -> Entries:
     """First entries of the blocks in use; moment, weight and normals of their entries."""
     first, moment, part = seen.covered
     each = np.diff(first)

@@ -30,7 +30,7 @@ SolveBefore = Callable[[LinearImage], Solution]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class QuickSolver:
     """A quick solver before the draws of a guess; its solutions may be of cells."""
 
     solve: SolveBefore
@@ -54,7 +54,7 @@ class Drawn:
 
 
 def solve_before_guess(
-    guess: PlateGuess, solve: SolveBefore, again: Callable[[Solution], Drawn]
+    guess: PlateGuess, solve: SolveBefore, again: Callable[[Solution], QuickSolver]
 ) -> Solution:
     """The solution before the mean of a guess, with the errors that its draws show.
 
@@ -86,7 +86,7 @@ def _quick_solutions(plates: Sequence[LinearImage], solve: SolveBefore) -> list[
     return found
 
 
-def _with_scatter(found: Solution, every: Sequence[Solution], drawn: Drawn) -> Solution:
+def _with_scatter(found: Solution, every: Sequence[Solution], drawn: QuickSolver) -> Solution:
     """A solution with its variance and that of others about the first; alpha is a fraction."""
     alphas = [np.clip(np.asarray(one.alpha, float), 0, 1) for one in every]
     lights = [np.asarray(one.premultiplied, float) for one in every]

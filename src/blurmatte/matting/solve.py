@@ -23,7 +23,7 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.case import Answer, Case, Pictures, Solver
 from blurmatte.matting.hypotheses import Averaged, Swept, shape_log_odds
-from blurmatte.matting.imputation import Drawn, solve_before_guess
+from blurmatte.matting.imputation import QuickSolver, solve_before_guess
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shaded import mark_shadow
@@ -160,14 +160,14 @@ def _before_guess(
         """The solution before the mean of the guess."""
         return _solved(matched(plate), request)
 
-    def again(known: Solution) -> Drawn:
+    def again(known: Solution) -> QuickSolver:
         """Quick solutions that start from another, of a wide streak on cells."""
         solver = Swept((Disc(),)) if known.stats.has_shape else Smooth()
         found, sweep = Streak(known.streak), known.sweep
         quick = _Request(known.model, solver, found, sweep, request.prior)
         size = FittingSize.of(found) if quick.prior is None else None
         if size is None:
-            return Drawn(lambda one: _solved(matched(one), quick, warns=False))
+            return QuickSolver(lambda one: _solved(matched(one), quick, warns=False))
         start = None if sweep is None else size.sweep(sweep)
         small = replace(quick, streak=size.streak(found), start=start)
 
@@ -175,7 +175,7 @@ def _before_guess(
             """The solution before a plate, on means over cells."""
             return _solved(_in_cells(size, matched(plate), found), small, warns=False)
 
-        return Drawn(on_cells, size)
+        return QuickSolver(on_cells, size)
 
     solution = solve_before_guess(plate, first, again)
     return solution.in_picture(box, size) if is_part else solution

@@ -153,8 +153,8 @@ class Question:
 
 
 @dataclass(frozen=True)
-class Looked:
-    """An answer: bytes, or numbers, or why there is none."""
+class PictureAnswer:
+    """Bytes, or numbers, or why there is none."""
 
     number: int
     data: bytes = b""
@@ -181,7 +181,7 @@ def look(pipe: Connection, private: Path) -> None:
             else:
                 waiting = deque(one for one in waiting if one.number != message)
         asked = waiting.popleft()
-        pipe.send(Looked(asked.number, *pictures.answer(asked.name, asked.values)))
+        pipe.send(PictureAnswer(asked.number, *pictures.answer(asked.name, asked.values)))
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Said:
+class ErrorLine:
     """A line that a job printed on stderr."""
 
     job: int
@@ -305,7 +305,7 @@ class _Sender(io.TextIOBase):
         *lines, self._begun = (self._begun + text).split("\n")
         for line in lines:
             with suppress(OSError):
-                self._pipe.send(Said(self._line.job, _renamed(line, self._line)))
+                self._pipe.send(ErrorLine(self._line.job, _renamed(line, self._line)))
         return len(text)
 
     def flush_all(self) -> None:

@@ -24,12 +24,12 @@ from blurmatte.ui.processes import (
     INTERRUPT,
     READY,
     Ended,
+    ErrorLine,
     Helper,
     Line,
-    Looked,
+    PictureAnswer,
     Program,
     Question,
-    Said,
     Step,
     look,
     work,
@@ -57,7 +57,7 @@ class RefusedError(ValueError):
 
 
 @dataclass(frozen=True)
-class Held:
+class PageFile:
     """A file that the page may use."""
 
     number: int
@@ -191,14 +191,14 @@ class Session:
         self._place: PrivateFolder | None = None
         self._private = self._folder = Path()
         self._results = Path()  # a folder of each job
-        self.files: dict[int, Held] = {}
+        self.files: dict[int, PageFile] = {}
         self.jobs: dict[int, Job] = {}
         self._worker: Helper | None = None
         self._viewer: Helper | None = None
         self.worker_state = "off"
         self._running: Job | None = None
         self._restart: asyncio.Task[None] | None = None
-        self._asked: dict[int, asyncio.Future[Looked]] = {}
+        self._asked: dict[int, asyncio.Future[PictureAnswer]] = {}
         self._questions = 0
         self._changed = asyncio.Event()
         self._revision = 0
@@ -249,13 +249,15 @@ class Session:
 
     # Files
 
-    def _hold(self, path: Path, shown: str) -> Held:
-        held = Held(len(self.files) + 1, path, shown, kind_of(path))
+    def _hold(self, path: Path, shown: str) -> PageFile:
+        held = PageFile(len(self.files) + 1, path, shown, kind_of(path))
         self.files[held.number] = held
         self._announce()
         return held
 
-    async def receive(self, name: str, pieces: AsyncIterator[bytes], announced: int | None) -> Held:
+    async def receive(
+        self, name: str, pieces: AsyncIterator[bytes], announced: int | None
+    ) -> PageFile:
         """Copy a dropped file, piece by piece; RefusedError if it is too large or cut off."""
         if announced is not None and announced > self.room:
             raise RefusedError(_too_large(self.room))
@@ -437,7 +439,7 @@ class Session:
             case Step(job=number):
                 self.jobs[number].step, self.jobs[number].stepped = message, time.monotonic()
                 self._announce()
-            case Said(job=number, text=text):
+            case ErrorLine(job=number, text=text):
                 self.jobs[number].say(text)
                 self._announce()
             case Ended(job=number, code=code, printed=printed):
@@ -494,7 +496,7 @@ class Session:
             self._start_worker()
             self._next()
 
-    async def ask(self, question: str, **values: Any) -> Looked:
+    async def ask(self, question: str, **values: Any) -> PictureAnswer:
         """Ask the viewer; RefusedError if it cannot answer."""
         if self._viewer is None and not self._is_ending:
             self._viewer = Helper(look, self._hear_viewer, self._private)
@@ -502,7 +504,7 @@ class Session:
             raise RefusedError("the page is closed; start blurmatte ui again")
         self._questions += 1
         number = self._questions
-        future: asyncio.Future[Looked] = asyncio.get_running_loop().create_future()
+        future: asyncio.Future[PictureAnswer] = asyncio.get_running_loop().create_future()
         self._asked[number] = future
         viewer = self._viewer
         viewer.send(Question(number, question, values))
@@ -525,7 +527,7 @@ class Session:
             died = "the viewer died, perhaps for want of memory; try again"
             for number, future in self._asked.items():
                 if not future.done():
-                    future.set_result(Looked(number, refusal=died))
+                    future.set_result(PictureAnswer(number, refusal=died))
             return
         asked = self._asked.get(message.number)
         if asked is not None and not asked.done():
