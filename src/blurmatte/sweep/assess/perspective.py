@@ -12,7 +12,7 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.silhouette import Silhouette
+from blurmatte.sweep.model.silhouette import as_silhouette
 from blurmatte.sweep.sweep import Sweep
 
 # Of usual lenses, 24 to 200 mm for a frame of 36 mm: over the longer side of the picture. In this range
@@ -28,10 +28,10 @@ def with_perspective_error(sweep: Sweep) -> Sweep:
     that of a ball in the middle of the exposure, its root mean square over focal lengths. It is an
     error, for the disc need not be a ball, nor the center of the picture that of the lens.
     """
-    if not isinstance(sweep.silhouette, Silhouette) or sweep.silhouette.order > 1:
+    if not sweep.silhouette.is_disc:
         return sweep
     by_parameters, by_stretch = _derivatives(sweep, _stretch(sweep))
-    change = np.linalg.lstsq(by_parameters, -by_stretch, rcond=None)[0]
+    change = np.linalg.lstsq(by_parameters, by_stretch, rcond=None)[0]
     return replace(sweep, covariance=sweep.covariance + np.outer(change, change))
 
 
@@ -47,8 +47,7 @@ def _stretch(sweep: Sweep) -> Array:
 
 def _derivatives(sweep: Sweep, stretch: Array) -> tuple[Array, Array]:
     """Alpha of the pixels by the parameters (p, n + m) of a disc, and by a stretch (p,)."""
-    disc, path, n = sweep.silhouette, sweep.path, len(sweep.path)
-    assert isinstance(disc, Silhouette)
+    disc, path, n = as_silhouette(sweep.silhouette), sweep.path, len(sweep.path)
     ellipse = replace(disc, order=2)
     # The first of each name are those of the disc: an ellipse has two more rates.
     own = [ellipse.names.index(name) for name in disc.names]
