@@ -17,10 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import Array, Floats
+from blurmatte.statistics import UNIFORM_VARIANCE
 
 MIN_WEIGHT = 1e-3  # of an averaged hypothesis
 
-_UNKNOWN_STD = 12**-0.5  # of a fraction of which nothing is known
+_UNKNOWN_STD = float(np.sqrt(UNIFORM_VARIANCE))  # of a fraction of which nothing is known
 _NODES = 24  # of the integrals over a fraction; normal densities there are wider than 0.14
 
 

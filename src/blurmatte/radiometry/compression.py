@@ -30,6 +30,7 @@ import scipy
 
 from blurmatte.checks import Array, Codes8, Floats, Floats32
 from blurmatte.radiometry.transfer import Transfer
+from blurmatte.statistics import UNIFORM_VARIANCE
 
 Steps = tuple[tuple[int, ...], ...]
 
@@ -38,7 +39,6 @@ MACROBLOCK = 2 * BLOCK  # pixels, the same of luma and subsampled chroma togethe
 _NOISE_SHAPE = 16, 64, 64, 3  # draws and a tile of pixels, over which expected values are averaged
 _SAMPLINGS = {(1, 1): "4:4:4", (2, 1): "4:2:2", (2, 2): "4:2:0"}
 _STRIP = 32  # rows of blocks that are transformed at a time: saves memory
-ROUNDING_VARIANCE = 1 / 12  # of integers
 # Blocks and frequencies over which E l² is averaged, and the rounding of encoders.
 _ROUNDING = 1 / 3  # l = floor(|c| + this)
 _ROUNDING_OF_MOVING = 1 / 6  # the same in reference encoders between key frames
@@ -266,7 +266,7 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     power = np.where(zero, _MIN_NONZERO / coefficients, power)
     known, error = _error_of_power()
     lost = np.asarray(np.interp(np.log(power), np.log(known), error))
-    least = (ROUNDING_VARIANCE / step**2)[..., None, None]
+    least = (UNIFORM_VARIANCE / step**2)[..., None, None]
     ratio = lost / least
     between = zero & (ratio > 1)  # the mean of σ² if log σ is uniform from there to the bound
     lost = np.where(between, (lost - least) / np.log(np.where(between, ratio, 2)), lost)

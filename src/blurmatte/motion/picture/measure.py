@@ -30,6 +30,7 @@ from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
 from blurmatte.motion.picture.motion import QUANTITIES, Motion
+from blurmatte.statistics import UNIFORM_VARIANCE
 from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.sweep.model.shape import OUTLINE_POINTS
 from blurmatte.sweep.sweep import Sweep
@@ -239,7 +240,7 @@ def _moments(solution: Solution, use: Bools) -> tuple[Array, Array]:
     covariance = (by_alpha * variance) @ by_alpha.T
     covariance[0, 0] += (total * scale) ** 2
     middle = alpha @ x / total, alpha @ y / total
-    pixel = 1 / 12 * np.array([1, 0, 1])
+    pixel = UNIFORM_VARIANCE * np.array([1, 0, 1])
     return np.array([total, *middle, *(moments - pixel)]), covariance
 
 

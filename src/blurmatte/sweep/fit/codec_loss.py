@@ -23,7 +23,7 @@ from blurmatte.checks import Array
 from blurmatte.radiometry import SRGB, LinearImage, Transfer
 from blurmatte.radiometry.compression import MACROBLOCK, lost_change
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
-from blurmatte.statistics import cell_means
+from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import (
     Candidate,
@@ -54,7 +54,7 @@ def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     before, then = (_slope(one, lost) for one in (state, after))
     known = max(float(then - before + (g - g_before) @ d), 0.0) / inflation
     score = (before + g_before @ d) / inflation
-    mean, variance = 1 / 2, 1 / 12  # of φ before the fit: uniform from 0 to 1
+    mean, variance = 1 / 2, UNIFORM_VARIANCE  # of φ before the fit: uniform from 0 to 1
     fraction = np.clip((mean / variance - score) / (1 / variance + known), 0, 1)
     step = fraction * d
     n, r = len(sweep.path), sweep.shape[0]

@@ -17,8 +17,8 @@ import math
 import numpy as np
 
 from blurmatte.compiling import njit
+from blurmatte.statistics import UNIFORM_VARIANCE
 
-PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide, the blur of a sharp rim; pixels²
 MAX_DISTANCE_STD = 3.0  # from a soft rim: pixels farther away are in or out
 _MAX_CURVATURE = 2.0  # per pixel, that a half plane is corrected for
 
@@ -26,7 +26,7 @@ _MAX_CURVATURE = 2.0  # per pixel, that a half plane is corrected for
 @njit()
 def variance_of(soft):  # type: ignore[no-untyped-def]
     """Variance of the edge profile of a half plane, pixels²."""
-    return PIXEL_VARIANCE + soft * soft
+    return UNIFORM_VARIANCE + soft * soft  # a pixel is a box
 
 
 @njit()
@@ -118,7 +118,7 @@ def lattice_around(A, coefficients, variance, reach):  # type: ignore[no-untyped
     # The spacing is 1/8 pixel for a sharp rim of radius 1, and grows so that the error of alpha is
     # constant.
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-    spacing = 0.125 * (area * variance / PIXEL_VARIANCE) ** 0.25
+    spacing = 0.125 * (area * variance / UNIFORM_VARIANCE) ** 0.25
     h = 2.0 ** math.floor(math.log2(spacing))
     off = (h * h / 6 - variance) / 2
     reach += abs(off) * _MAX_CURVATURE + 3 * h

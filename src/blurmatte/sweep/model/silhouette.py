@@ -17,6 +17,7 @@ import scipy
 from annotated_types import Interval
 
 from blurmatte.checks import Array
+from blurmatte.statistics import UNIFORM_VARIANCE
 from blurmatte.sweep.model import rim_kernel
 from blurmatte.sweep.model.path import PathFamily, pieces_of
 from blurmatte.sweep.model.pixels import Pixels
@@ -298,7 +299,7 @@ def moments(
     parts = TimeSampling.soft_parts if even else TimeSampling.parts
     step = TimeSampling.max_step_px
     if even:
-        step = 2 * max(float(np.sqrt(1 / 12 + soft**2)), step)  # a pixel's variance, and the blur's
+        step = 2 * max(float(np.sqrt(UNIFORM_VARIANCE + soft**2)), step)  # of a pixel, and blur
     xy, _ = family.at(path, _even(parts))
     t, lengths = pieces_of(xy, rim_motion / parts, step * scale, TimeSampling.max_per_part)
     if not even:
