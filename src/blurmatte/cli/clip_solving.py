@@ -35,7 +35,7 @@ from blurmatte.cli.selection import (
     Selection,
     matching_of,
 )
-from blurmatte.formats import Writes, is_clip, written
+from blurmatte.formats import MOV, Writes, is_clip, written
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
@@ -110,7 +110,7 @@ class ClipOptions(FrameSelection):
         Numbered pictures are, unless an option is given that only pictures have: `each_alone`.
         """
         asked = self.layers or self.several or self.table or self.frames or self.rate
-        if asked or self.scheduler or out.suffix.lower() == ".mov":
+        if asked or self.scheduler or _is_movie(out):
             return True
         if len(images) > 1:
             return False
@@ -137,7 +137,7 @@ def solve_clip(
 
     if options.scheduler is not None:  # its workers run in other folders
         images = [str(Path(image).absolute()) for image in images]
-    folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
+    folder = out.with_suffix("") if _is_movie(out) else out
     check_folder(folder)
     return_freed_memory()
     colors, reading, given = selection.colors, selection.reading, plate.of_clip
@@ -160,10 +160,15 @@ def solve_clip(
         with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
             *_, report = bm.save_clip(run, folder, workers)
             assert isinstance(report, bm.clips.ClipReport)
-    if out.suffix.lower() == ".mov" and (folder / "layers.mov").exists():
+    if _is_movie(out) and (folder / "layers.mov").exists():
         os.replace(folder / "layers.mov", out)
     _answer(report, folder, out, as_json)
     _check_grades(report, required)
+
+
+def _is_movie(out: Path) -> bool:
+    """Whether all layers become one file, and not a folder."""
+    return out.suffix.lower() == MOV.extensions[0]
 
 
 def _ignored(selection: Selection, occluder: Path | None, size: tuple[int, int]) -> Any:
@@ -176,10 +181,10 @@ def _ignored(selection: Selection, occluder: Path | None, size: tuple[int, int])
 
 
 def _extension(out: Path, options: ClipOptions) -> str:
-    if out.suffix.lower() == ".mov":
+    if _is_movie(out):
         if options.layers not in (None, "mov"):
             raise ValueError(f"--layers {options.layers} needs a folder as --out, got {out}")
-        return ".mov"
+        return MOV.extensions[0]
     return ".exr" if options.layers in (None, "solution") else f".{options.layers}"
 
 
@@ -223,7 +228,7 @@ def _answer(report: bm.clips.ClipReport, folder: Path, out: Path, as_json: bool)
     lines = [f"{len(layers)} layers: {graded or 'none'}{empty}{speed}"]
     if len(report.shots) > 1:
         lines += [str(shot) for shot in report.shots]
-    lines.append(str(out if out.suffix.lower() == ".mov" else report.files[0]))
+    lines.append(str(out if _is_movie(out) else report.files[0]))
     say("\n".join(lines))
 
 

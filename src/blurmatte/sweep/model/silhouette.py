@@ -298,8 +298,8 @@ def moments(
     even = soft > 0 and family.kink(path) is None
     parts = TimeSampling.soft_parts if even else TimeSampling.parts
     step = TimeSampling.max_step_px
-    if even:
-        step = 2 * max(float(np.sqrt(UNIFORM_VARIANCE + soft**2)), step)  # of a pixel, and blur
+    if even:  # the variance of a pixel, and that of the blur
+        step = 2 * max(float(np.sqrt(UNIFORM_VARIANCE + soft**2)), step)
     xy, _ = family.at(path, _even(parts))
     t, lengths = pieces_of(xy, rim_motion / parts, step * scale, TimeSampling.max_per_part)
     if not even:
