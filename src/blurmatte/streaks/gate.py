@@ -60,12 +60,17 @@ class Gate:
 
     @classmethod
     def of(
-        cls, plate: CodedFrame, samples: Iterable[CodedFrame], hidden: Bools | None = None
+        cls,
+        plate: CodedFrame,
+        samples: Iterable[CodedFrame],
+        hidden: Bools | None = None,
+        strip_cells: int = _STRIP_CELLS,
     ) -> "Gate":
         """The gate of a plate in the code values of frames.
 
         samples: frames of which most show the plate at each place, about a dozen.
         hidden (H, W): where changes are no motion.
+        strip_cells: rows of cells in memory at a time, of all samples; whole blocks.
         """
         block = _BLOCK_CELLS
         padded = _padded(plate.planes)
@@ -82,7 +87,7 @@ class Gate:
         for c, cells in enumerate(expected):  # one at a time saves memory
             stds: tuple[list[Floats32], list[Floats32]] = [], []
             side = len(padded[c]) // len(cells)
-            for rows in _strips(len(cells), len(few)):
+            for rows in _strips(len(cells), len(few), strip_cells):
                 own, part = slice(side * rows.start, side * rows.stop), cells[rows]
                 shown = ((_summed(p[c][own], part.shape, plate.zero[c]), gain) for p, gain in few)
                 d = np.stack([summed - gain * part for summed, gain in shown])
@@ -205,9 +210,9 @@ def _gain(few: Floats32, expected: Floats32) -> float:
     return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
 
 
-def _strips(height: int, samples: int) -> Iterator[slice]:
+def _strips(height: int, samples: int, strip_cells: int) -> Iterator[slice]:
     """Rows that are compared at a time: few frames share one median of the whole picture."""
-    rows = height if samples < _MIN_SAMPLES else _STRIP_CELLS
+    rows = height if samples < _MIN_SAMPLES else strip_cells
     return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
 
 
