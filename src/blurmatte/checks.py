@@ -15,6 +15,9 @@ Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
 Floats32 = npt.NDArray[np.float32]
 Ints32 = npt.NDArray[np.int32]
+Ints64 = npt.NDArray[np.int64]
+Indices = npt.NDArray[np.intp]
+AnyArray = npt.NDArray[Any]  # of numbers of any type
 Bools = npt.NDArray[np.bool_]
 Codes8 = npt.NDArray[np.uint8]
 Codes = Codes8 | npt.NDArray[np.uint16]  # code values of files
@@ -99,7 +102,7 @@ def as_array(name: str, value: object) -> Any:
     return value if value.dtype.isnative else value.astype(value.dtype.newbyteorder("="))
 
 
-def _viewed(name: str, value: Any) -> npt.NDArray[Any]:
+def _viewed(name: str, value: Any) -> AnyArray:
     """What an object shows NumPy; a subclass of arrays has operators of its own, and is none here."""
     if type(value) is np.ndarray:
         return value
@@ -211,7 +214,7 @@ def check_light(name: str, value: object) -> Floats:
     return light
 
 
-def check_channels(name: str, value: npt.NDArray[Any]) -> None:
+def check_channels(name: str, value: AnyArray) -> None:
     """Raise ValueError unless the shape is (height, width, 3); the usual others have a remedy."""
     shape = value.shape
     if len(shape) == 3 and shape[2] == 3 and value.size:
@@ -245,7 +248,7 @@ def check_map(
     return values
 
 
-def check_points(name: str, value: npt.ArrayLike, columns: int) -> npt.NDArray[np.float64]:
+def check_points(name: str, value: npt.ArrayLike, columns: int) -> Array:
     """Points as floats; raises ValueError unless the last axis has `columns` coordinates."""
     points = np.asarray(as_array(name, value), dtype=float)
     if points.ndim == 0 or points.shape[-1] != columns:

@@ -20,7 +20,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from blurmatte.background.warp import (
@@ -31,7 +30,7 @@ from blurmatte.background.warp import (
     spline_coefficients,
     to_centered,
 )
-from blurmatte.checks import Array, Bools, Floats
+from blurmatte.checks import Array, Bools, Floats, Ints64
 from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.radiometry.image import VARIANCE_FLOOR
@@ -79,7 +78,7 @@ class ComparedPair:
     spline: Array
     image_slopes: Array
     valid: Bools
-    xy: npt.NDArray[np.int64]
+    xy: Ints64
     sigma: Array
     basis: Array
 
@@ -203,7 +202,7 @@ def _fine_structure(light: Array, valid: Array) -> Array:
     return np.asarray(known * (light - total / np.maximum(weight, np.finfo(float).tiny)))
 
 
-def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
+def _points(energy: Array, inside: Bools) -> Ints64:
     """(n, 2) for every block the pixel of the largest gradient and its center, if inside."""
     height, width = energy.shape
     side = int(np.ceil(np.sqrt(2 * energy.size / _MAX_POINTS)))

@@ -9,15 +9,13 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
 from os import cpu_count
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, size_error
-from blurmatte.checks import Floats, Ints32
+from blurmatte.checks import AnyArray, Floats, Indices, Ints32
 from blurmatte.radiometry import LinearImage
 
 # Mode of the samples, and the frames that are summed.
@@ -99,7 +97,7 @@ def gains_of_samples(samples: Samples, restless: Floats) -> list[Floats]:
 
 
 def _find_modes(
-    flat: Floats, samples: Samples, restless: Floats, results: tuple[npt.NDArray[Any], ...]
+    flat: Floats, samples: Samples, restless: Floats, results: tuple[AnyArray, ...]
 ) -> None:
     """Write mode, rival and number of samples near the mode of (frames, pixels, 3) light."""
     ratio = np.float32(_MIN_RIVAL_RATIO)
@@ -207,7 +205,7 @@ def _prefetched(frames: Iterable[LinearImage | Band]) -> Iterator[LinearImage | 
             yield frame
 
 
-def _gain_pixels(modes: Modes) -> tuple[Floats, Floats, tuple[npt.NDArray[np.intp], ...]]:
+def _gain_pixels(modes: Modes) -> tuple[Floats, Floats, tuple[Indices, ...]]:
     """(3, n) static light, its variance in a frame, and the pixels' indices."""
     part = gain_grid(modes.near.shape)
     y, x = np.mgrid[: modes.near.shape[0], : modes.near.shape[1]][(slice(None), *part)]
@@ -223,7 +221,7 @@ def _add(
     gain, light = sums.gain[-1].astype(np.float32), np.asarray(frame.rgb, np.float32)
     off, near = np.empty((2, *frame.valid.shape), np.uint8)
 
-    def flat(rows: slice, *arrays: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+    def flat(rows: slice, *arrays: AnyArray) -> list[AnyArray]:
         """Rows of arrays, with one axis for all pixels."""
         return [a[rows].reshape(-1, *a.shape[2:]) for a in arrays]
 

@@ -8,7 +8,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import (
@@ -16,6 +15,7 @@ from blurmatte.checks import (
     Bools,
     Floats,
     Floats32,
+    Indices,
     box_of,
     check_map,
     check_same_size,
@@ -25,7 +25,7 @@ from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import robust_std
 
-Rows = npt.NDArray[np.intp] | slice
+Rows = Indices | slice
 
 AROUND_PX = 5  # width of the window whose mean light pixels are sorted by
 
@@ -148,7 +148,7 @@ def require_pixels(use: Bools) -> None:
         )
 
 
-def parts_by_light(light: Floats, each: int) -> list[npt.NDArray[np.intp]]:
+def parts_by_light(light: Floats, each: int) -> list[Indices]:
     """Indices of (N,) light in groups of similar light, at least `each` pixels, the darkest first."""
     count = int(np.clip(len(light) // each, 1, _MAX_LEVELS))
     return np.array_split(np.argsort(light, kind="stable"), count)

@@ -24,10 +24,9 @@ plate of one hue the posterior is an arc from the plate's color to the truth and
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Indices
 from blurmatte.color.model import perpendicular, unit
 
 _OUTLIER_STD = 3.0  # standard deviations beyond which the loss is linear
@@ -47,9 +46,9 @@ class StreakPixels:
     B: Array  # (n, 3)
     vC: Array  # (n, 3)
     vB: Array  # (n, 3)
-    block: npt.NDArray[np.intp]  # (n,) over which noise may be correlated
-    tile: npt.NDArray[np.intp]  # (n,) over which alpha is nearly constant
-    neighbors: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]  # adjacent blocks
+    block: Indices  # (n,) over which noise may be correlated
+    tile: Indices  # (n,) over which alpha is nearly constant
+    neighbors: tuple[Indices, Indices]  # adjacent blocks
 
     def every(self, step: int) -> "StreakPixels":
         """Every `step`-th pixel."""
@@ -98,7 +97,7 @@ def closed_form(l: Array, p: StreakPixels) -> _Solutions:
     )
 
 
-def _means(alpha: Array, weight: Array, tile: npt.NDArray[np.intp]) -> Array:
+def _means(alpha: Array, weight: Array, tile: Indices) -> Array:
     """(directions, pixels) weighted mean of α over each pixel's tile.
 
     The α of a single pixel, clipped to 0…1, would bias the variance by its noise, for some directions
@@ -230,9 +229,9 @@ def posterior(evidence: EvidenceKinds, pixels: StreakPixels) -> tuple[Array, Arr
     return widest  # a valley too long or too narrow for a grid: the part covered
 
 
-def _order(turned: Array) -> npt.NDArray[np.intp]:
+def _order(turned: Array) -> Indices:
     """Index of the old axis nearest to each new one."""
-    order: npt.NDArray[np.intp] = np.argmax(np.abs(turned), axis=0)
+    order: Indices = np.argmax(np.abs(turned), axis=0)
     return order
 
 

@@ -20,10 +20,9 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Ints32
+from blurmatte.checks import Array, Indices, Ints32
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
@@ -36,7 +35,7 @@ FIELD_STD = 0.05  # of colored light: half of a factor's on gray paint, to which
 class Stencil(NamedTuple):
     """Nodes (m, k) of m differences, and their coefficients (k,)."""
 
-    nodes: npt.NDArray[np.intp]
+    nodes: Indices
     coefficients: Array
 
 
@@ -88,7 +87,7 @@ class Lattice:
         return self.size
 
     @cached_property
-    def edges(self) -> npt.NDArray[np.intp]:
+    def edges(self) -> Indices:
         """(m, 2) indices of neighbors in rows and columns, the smaller first."""
         pairs = [
             np.stack([a.ravel(), b.ravel()], axis=1)
@@ -157,7 +156,7 @@ class Sphere:
         return self.size + HARMONICS
 
     @cached_property
-    def edges(self) -> npt.NDArray[np.intp]:
+    def edges(self) -> Indices:
         """(m, 2) indices of neighbors, the smaller first."""
         pairs = [
             np.stack([a.ravel(), b.ravel()], axis=1)
@@ -175,12 +174,12 @@ class Sphere:
         return (_first(self.edges),)
 
 
-def _first(edges: npt.NDArray[np.intp]) -> Stencil:
+def _first(edges: Indices) -> Stencil:
     """Differences of first order."""
     return Stencil(edges, np.array([1.0, -1.0]))
 
 
-def _inside(*nodes: Ints32) -> npt.NDArray[np.intp]:
+def _inside(*nodes: Ints32) -> Indices:
     """(m, k) nodes of which none is missing."""
     together = np.stack([one.ravel() for one in nodes], axis=1)
     return together[(together >= 0).all(axis=1)].astype(np.intp)

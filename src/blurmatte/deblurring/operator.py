@@ -17,10 +17,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Ints32
+from blurmatte.checks import Array, Ints32, Ints64
 from blurmatte.deblurring import sphere_kernel
 from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
@@ -29,7 +28,7 @@ from blurmatte.sweep.sweep import Sweep
 
 Sparse = Any  # scipy.sparse.csr_matrix
 # Of pixels in a ball's light: the first entry of each; moment, weight and normals of each entry
-Entries = tuple[npt.NDArray[np.int64], Ints32, Array, Array]
+Entries = tuple[Ints64, Ints32, Array, Array]
 
 MAX_STEP_PX = 0.5  # motion between two moments
 
@@ -152,7 +151,7 @@ class SeenMoments(NamedTuple):
     The rim is that of a shape.
     """
 
-    covered: tuple[npt.NDArray[np.int64], Ints32, Array]
+    covered: tuple[Ints64, Ints32, Array]
     xy: Array
     to_disc: Array
     width: int
@@ -211,7 +210,7 @@ def projected(
     return seen.alpha(poses.durations), light, total
 
 
-def row_sums(first: npt.NDArray[np.int64], weight: Array, values: Array) -> Array:
+def row_sums(first: Ints64, weight: Array, values: Array) -> Array:
     """(pixels, k) weighted sums of values (m, k) over the entries of each pixel."""
     own = np.repeat(np.arange(len(first) - 1), np.diff(first))
     sums = [np.bincount(own, weight * value, len(first) - 1) for value in values.T]

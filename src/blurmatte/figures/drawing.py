@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Codes8, Floats
+from blurmatte.checks import AnyArray, Array, Codes8, Floats
 from blurmatte.errors import optional_library
 from blurmatte.radiometry import SRGB, LinearImage
 
@@ -29,7 +28,7 @@ class Palette:
     heat: Sequence[Color] = ((18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120))
 
 
-def srgb_codes(light: npt.NDArray[Any]) -> Codes8:
+def srgb_codes(light: AnyArray) -> Codes8:
     """Clipped sRGB codes of linear light."""
     return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
 
@@ -50,7 +49,7 @@ def checkerboard(shape: tuple[int, ...]) -> Floats:
     return np.asarray(light[..., None].repeat(3, axis=-1))
 
 
-def light_of_codes(codes: npt.NDArray[Any]) -> Floats:
+def light_of_codes(codes: AnyArray) -> Floats:
     """Linear light of sRGB codes."""
     return np.asarray(SRGB.table(256).astype(np.float32)[codes])
 

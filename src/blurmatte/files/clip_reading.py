@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools, Box, Floats, Floats32
+from blurmatte.checks import AnyArray, Array, Bools, Box, Floats, Floats32
 from blurmatte.errors import FileError, TransferWarning, warn
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
@@ -157,7 +156,7 @@ def decode_frames(
 def _light(
     clip: Clip,
     table: Floats32,
-    codes: npt.NDArray[Any],
+    codes: AnyArray,
     number: int,
     time: float | None,
     coding: FrameCoding | None = None,
@@ -270,7 +269,7 @@ class _LightOf:
     number: int
     time: float | None
     frame: Any
-    codes: npt.NDArray[Any] | None = None
+    codes: AnyArray | None = None
 
     def __call__(self, box: Box, every: int) -> LinearImage:
         x0, y0, x1, y1 = box
@@ -294,7 +293,7 @@ def planar(frame: Any) -> Any:
     return frame if _is_planar(frame) else frame.reformat(format="yuv420p", threads=1)
 
 
-def planes_of(frame: Any) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+def planes_of(frame: Any) -> tuple[AnyArray, AnyArray, AnyArray]:
     """Views of luma and both chroma planes of a frame of 4:2:0 and 8 bits."""
     luma, blue, red = (
         np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
@@ -374,7 +373,7 @@ def _table(clip: Clip) -> Floats32:
     return np.asarray(clip.encoding.curves[0].decode(codes / clip.white), dtype=np.float32)
 
 
-def _codes(clip: Clip, frame: Any, alpha: bool = False) -> npt.NDArray[Any]:
+def _codes(clip: Clip, frame: Any, alpha: bool = False) -> AnyArray:
     """(H, W, 3) R'G'B' code values of 8 or 16 bits, upright; with alpha as a fourth channel."""
     from av.video.reformatter import Interpolation
 
@@ -402,7 +401,7 @@ def _usual_matrix(frame: Any) -> int:
     return H273.BT709 if frame.height >= 720 else H273.BT601
 
 
-def _unclipped(clip: Clip, codes: npt.NDArray[Any]) -> Bools:
+def _unclipped(clip: Clip, codes: AnyArray) -> Bools:
     """(H, W) True where no channel is white."""
     white = _clipped_from(clip)
     red, green, blue = (codes[..., c] < white for c in range(3))

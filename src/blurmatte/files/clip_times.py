@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Ints64
 from blurmatte.errors import FileError, warn
 
 _MIN_MISSING_FRAMES = 2  # durations are rounded
@@ -38,9 +37,9 @@ class Timing:
     rate: float | None  # as they were taken, on average
     # (n,): rising time stamps, by which frames are found, in ticks of the file; empty if the file does
     # not state them, or they do not rise: frames are counted from the beginning then
-    stamps: npt.NDArray[np.int64]
+    stamps: Ints64
     seconds: Array  # (n,): the times of the frames; empty if they are not stated
-    keys: npt.NDArray[np.int64]  # (m,): numbers of key frames, at which decoding can begin
+    keys: Ints64  # (m,): numbers of key frames, at which decoding can begin
     lost: int = 0  # number of frames that cannot be decoded, by their packets
 
     @property
@@ -129,8 +128,8 @@ def timing_of(
 class _Packets:
     """The packets of a video stream, in the order of the file."""
 
-    stamps: npt.NDArray[np.int64]  # (n,): of those that are shown; `_NO_STAMP` for none
-    keys: npt.NDArray[np.int64]  # (m,): stamps of key frames
+    stamps: Ints64  # (n,): of those that are shown; `_NO_STAMP` for none
+    keys: Ints64  # (m,): stamps of key frames
     ends: Mapping[int, Fraction]  # of each stream of the file, seconds
     partial: bool  # the last one was cut off
     agree: bool  # each has one frame, and their stamps have the order of the frames
@@ -178,7 +177,7 @@ def _packets(container: Any, stream: Any) -> _Packets:
     return _Packets(of_packets, of_keys, ends, partial, agree, hidden)
 
 
-def _stamps_of_frames(frames: Iterator[Any]) -> npt.NDArray[np.int64]:
+def _stamps_of_frames(frames: Iterator[Any]) -> Ints64:
     """(n,) stamps of all frames that can be decoded, in order; `_NO_STAMP` for none."""
     import av
 
@@ -191,7 +190,7 @@ def _stamps_of_frames(frames: Iterator[Any]) -> npt.NDArray[np.int64]:
     return np.array(stamps, np.int64)
 
 
-def _continued(stamps: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _continued(stamps: Ints64) -> Ints64:
     """Rising stamps: where they go back the next frame follows after the usual interval.
 
     Frames of one stamp are at equal distances up to the next one.
@@ -218,9 +217,7 @@ def _warn_if_truncated(path: Path, container: Any, stream: Any, packets: _Packet
         )
 
 
-def _warn_of_lost(
-    path: Path, packets: _Packets, stamps: npt.NDArray[np.int64], tick: float
-) -> None:
+def _warn_of_lost(path: Path, packets: _Packets, stamps: Ints64, tick: float) -> None:
     """Warn of packets whose frames cannot be decoded."""
     lost = packets.count - len(stamps)
     if lost <= 0 or packets.hidden:
@@ -235,7 +232,7 @@ def _warn_of_lost(
     )
 
 
-def _warn_of_order(path: Path, stamps: npt.NDArray[np.int64]) -> None:
+def _warn_of_order(path: Path, stamps: Ints64) -> None:
     """Warn of time stamps that go back or repeat."""
     steps = np.diff(stamps)
     joined = "each continues from the frame before; cut the clip there if it was joined"
@@ -268,7 +265,7 @@ def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], r
     return max(round(float(stated - max(end, end - start)) * rate), 0)
 
 
-def _on_grid(stamps: npt.NDArray[np.int64], stream: Any) -> tuple[Array, bool]:
+def _on_grid(stamps: Ints64, stream: Any) -> tuple[Array, bool]:
     """Seconds of the stamps, exact if they are rounded times of a rate; True if none is left out."""
     offsets = stamps - stamps[0]
     for rate in (stream.base_rate, stream.average_rate, stream.guessed_rate):

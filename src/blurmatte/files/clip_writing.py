@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Codes8, Floats
+from blurmatte.checks import AnyArray, Codes8, Floats
 from blurmatte.files.clip_decoding import video_library
 from blurmatte.files.clip_reading import LIMITED_WHITE
 from blurmatte.files.icc import H273
@@ -108,7 +107,7 @@ def _straight(layer: Layer) -> Floats:
 @contextmanager
 def _clip(
     path: Path, codec: str, rate: float, options: Mapping[str, str]
-) -> Iterator[Callable[[npt.NDArray[Any], str, str], None]]:
+) -> Iterator[Callable[[AnyArray, str, str], None]]:
     """A function that adds one frame: code values, their format, and the format of the stream."""
     av = video_library(path)
     from av.video.reformatter import ColorRange
@@ -117,7 +116,7 @@ def _clip(
     count = 0
     converter: Any = None
 
-    def add(codes: npt.NDArray[Any], form: str, pixels: str) -> None:
+    def add(codes: AnyArray, form: str, pixels: str) -> None:
         """Encode one frame."""
         nonlocal count, converter
         source = av.VideoFrame.from_ndarray(codes, format=form)

@@ -7,12 +7,10 @@ the curves. Otherwise floats are linear, and integers are taken as sRGB with a w
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Floats
+from blurmatte.checks import AnyArray, Array, Floats
 from blurmatte.errors import FileError, TransferWarning, warn
 from blurmatte.files.icc import (
     ADOBE_RGB,
@@ -100,7 +98,7 @@ def _stated(raster: Raster, given: Curves | None) -> Profile | None:
     return None
 
 
-def to_light(numbers: npt.NDArray[Any], encoding: Profile | None) -> Floats:
+def to_light(numbers: AnyArray, encoding: Profile | None) -> Floats:
     """Linear float32 light of (H, W, 3) code values 0…1, or of light that is stored as floats."""
     if encoding is None:
         return numbers.astype(np.float32, copy=False)

@@ -10,12 +10,11 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import MAX_GAIN
+from blurmatte.checks import MAX_GAIN, AnyArray
 from blurmatte.errors import FileError
 from blurmatte.files.documents import DocumentError, numbers, parse_json
 from blurmatte.files.errors import VALID, VARIANCE
@@ -28,9 +27,9 @@ _CAMERA, _LAYERS = "blurmatte:camera", "blurmatte:light"
 
 def exr_parts(
     image: LinearImage,
-) -> tuple[list[npt.NDArray[Any]], Sequence[str], Mapping[str, str]]:
+) -> tuple[list[AnyArray], Sequence[str], Mapping[str, str]]:
     """Arrays, channel names and attributes for an EXR of an image."""
-    parts: list[npt.NDArray[Any]] = [image.in_srgb().rgb]
+    parts: list[AnyArray] = [image.in_srgb().rgb]
     names = list("RGB")
     if image.noise is not None:
         parts, names = [*parts, image.variance], [*names, *VARIANCE]
@@ -80,8 +79,8 @@ def _with_layers(image: LinearImage, raster: Raster) -> LinearImage:
 @dataclass
 class _CameraHeader:
     camera: str
-    white_balance: Annotated[npt.NDArray[Any], numbers(-MAX_GAIN, MAX_GAIN, None)] | None
-    to_srgb: Annotated[npt.NDArray[Any], numbers(-MAX_GAIN, MAX_GAIN, 3, 3)]
+    white_balance: Annotated[AnyArray, numbers(-MAX_GAIN, MAX_GAIN, None)] | None
+    to_srgb: Annotated[AnyArray, numbers(-MAX_GAIN, MAX_GAIN, 3, 3)]
 
 
 def _in_camera_colors(path: Path, image: LinearImage, header: str) -> LinearImage:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import AnyArray
 from blurmatte.errors import FileError
 
 CARDS = ("Bzero", "Bscale", "Bayerpat", "Exptime", "Exposure")  # by OpenImageIO's names
@@ -41,7 +41,7 @@ def check_cards(path: Path, kind: str, cards: Mapping[str, Any]) -> None:
         )
 
 
-def in_codes(path: Path, pixels: npt.NDArray[Any], cards: Mapping[str, Any]) -> npt.NDArray[Any]:
+def in_codes(path: Path, pixels: AnyArray, cards: Mapping[str, Any]) -> AnyArray:
     """Code values, or light, of the numbers as stored.
 
     Raises FileError if most floats are above white: then they are counts of a camera.

@@ -7,12 +7,10 @@ coefficients instead.
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, check_map, check_same_size
+from blurmatte.checks import AnyArray, Bools, check_map, check_same_size
 from blurmatte.errors import FileError, warn
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
@@ -141,7 +139,7 @@ def _check_holds(raster: Raster, extension: str) -> None:
         raise FileError(f"{raster.path}: write .tif or .exr; a {extension} file holds no floats")
 
 
-def _save_pixels(target: Path, raster: Raster, upright: npt.NDArray[Any], changed: Bools) -> None:
+def _save_pixels(target: Path, raster: Raster, upright: AnyArray, changed: Bools) -> None:
     _warn_of_further_pictures(target, raster.path)
     pixels, extension = raster.orientation.stored(upright), extension_of(target)
     with replacing(target, extension) as temporary:
@@ -168,7 +166,7 @@ def _light(
 
 def _pixels(
     raster: Raster, picture: LinearImage, changed: Bools, transfer: Transfer | None
-) -> npt.NDArray[Any]:
+) -> AnyArray:
     """All channels of the file, upright, with the changed light encoded."""
     encoding = encoding_of(raster, transfer)
     values = from_light(picture.in_srgb().rgb[changed], encoding)
@@ -182,7 +180,7 @@ def _pixels(
     return pixels
 
 
-def _gray(raster: Raster, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def _gray(raster: Raster, values: AnyArray) -> AnyArray:
     """(N, 1) values of (N, 3) that are equal up to rounding."""
     tolerance = 1 if raster.levels is not None else 1e-3
     if np.ptp(values, axis=-1).max(initial=0) > tolerance:
@@ -192,7 +190,7 @@ def _gray(raster: Raster, values: npt.NDArray[Any]) -> npt.NDArray[Any]:
     return np.asarray(np.median(values, axis=-1, keepdims=True))
 
 
-def _save_same_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any], changed: Bools) -> None:
+def _save_same_jpeg(path: Path, raster: Raster, pixels: AnyArray, changed: Bools) -> None:
     try:
         jpeg = read_jpeg(raster.path.read_bytes())
         jpeg = replace_blocks(jpeg, raster_colors(raster, pixels), changed)

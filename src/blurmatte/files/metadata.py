@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from scipy.constants import inch
 
+from blurmatte.checks import AnyArray
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import icc_profile, png_encoding, primaries_alone
 from blurmatte.files.errors import damaged
@@ -108,7 +108,7 @@ def current_segments(segments: Iterable[bytes]) -> tuple[bytes, ...]:
     return tuple(current)
 
 
-def save_png(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
+def save_png(path: Path, raster: Raster, pixels: AnyArray) -> None:
     """Write pixels with the metadata of the file of `raster`; of a PNG every chunk as stored.
 
     This and the next two raise OSError if the file cannot be written completely.
@@ -134,7 +134,7 @@ def save_png(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
     save_chunks(path, [(b"IHDR", header), *chunks, (b"IEND", b"")])
 
 
-def save_tiff(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
+def save_tiff(path: Path, raster: Raster, pixels: AnyArray) -> None:
     """Write pixels with the metadata of the file of `raster`."""
     alpha = 0 if raster.associated else 1
     # OpenImageIO 3.2 fails to write a TIFF without a color space; the tag is not copied.
@@ -157,7 +157,7 @@ def save_tiff(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
             file.write(memoryview(written)[offset : offset + length])
 
 
-def save_new_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
+def save_new_jpeg(path: Path, raster: Raster, pixels: AnyArray) -> None:
     """Compress all pixels at quality 95, 4:4:4, with the metadata of the file of `raster`.
 
     Raises FileError if a JPEG cannot hold them.
@@ -182,7 +182,7 @@ def save_new_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
     path.write_bytes(file.getvalue())
 
 
-def raster_colors(raster: Raster, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+def raster_colors(raster: Raster, pixels: AnyArray) -> AnyArray:
     """(H, W, 3) red, green and blue of pixels with the channels of `raster`, or (H, W) gray."""
     if raster.gray:
         return np.ascontiguousarray(pixels[..., raster.names.index("Y")])

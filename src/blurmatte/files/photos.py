@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import AnyArray
 from blurmatte.errors import FileError, optional_library, warn
 from blurmatte.files.errors import check_size, damaged
 from blurmatte.files.exif import EXIF_MARK
@@ -25,7 +25,7 @@ _DAMAGE = OSError, SyntaxError, ValueError, LookupError, EOFError, RuntimeError,
 class Photo:
     """What such a file holds, as it is stored; a HEIC already upright."""
 
-    pixels: npt.NDArray[Any]  # (H, W, n) uint8, or uint16 with all of its range
+    pixels: AnyArray  # (H, W, n) uint8, or uint16 with all of its range
     names: tuple[str, ...]  # of the channels; alpha is straight
     bits: int  # per code value
     subsampled: bool  # whether pixels share chroma
@@ -96,7 +96,7 @@ def _opened_heic(path: Path, content: bytes) -> Any:
     return source
 
 
-def _pixels(source: Any) -> npt.NDArray[Any]:
+def _pixels(source: Any) -> AnyArray:
     """(H, W, n) code values as stored."""
     if source.mode == "P" or source.mode.split(";")[0] in ("RGBa", "La"):
         raise ValueError(f"its colors ({source.mode}) are not supported")

@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats32
+from blurmatte.checks import AnyArray, Bools, Floats32
 from blurmatte.errors import FileError, warn
 from blurmatte.files import fits
 from blurmatte.files.errors import (
@@ -72,7 +71,7 @@ class Raster:
 
     path: Path  # the file
     format: Format
-    pixels: npt.NDArray[Any]  # (H, W, n) uint8, uint16 or float32: as stored
+    pixels: AnyArray  # (H, W, n) uint8, uint16 or float32: as stored
     names: tuple[str, ...]  # names of the channels
     # (H, W) bool: false where the file holds no pixels: the data window of an EXR may be smaller
     # than its picture
@@ -107,7 +106,7 @@ class Raster:
         return exif_orientation(self.tags.get("Orientation", 1))
 
     @property
-    def colors(self) -> npt.NDArray[Any]:
+    def colors(self) -> AnyArray:
         """(H, W, 3) numbers of red, green and blue; gray is repeated."""
         return self.channels("YYY" if self.gray else "RGB")
 
@@ -121,11 +120,11 @@ class Raster:
             return alpha
         return np.asarray(alpha / np.float32(self.levels - 1), dtype=np.float32)
 
-    def channels(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
+    def channels(self, names: str | tuple[str, ...]) -> AnyArray:
         """(H, W, n) contiguous numbers of the named channels."""
         return np.ascontiguousarray(self.view(names))
 
-    def view(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
+    def view(self, names: str | tuple[str, ...]) -> AnyArray:
         """(H, W, n) numbers of the named channels; a view if they are adjacent."""
         at = [self.names.index(name) for name in names]
         if at == list(range(at[0], at[0] + len(at))):
@@ -199,7 +198,7 @@ def _numbers_of_exif(block: bytes) -> dict[str, Any]:
 
 def _stored(
     path: Path, form: Format, max_pixels: int, names: tuple[str, ...] | None
-) -> tuple[int, npt.NDArray[Any], tuple[str, ...], dict[str, Any], Any]:
+) -> tuple[int, AnyArray, tuple[str, ...], dict[str, Any], Any]:
     """Page, pixels, channel names, tags, and OpenImageIO's ImageSpec."""
     source, spec = _open(path, form, max_pixels)
     try:
@@ -275,8 +274,8 @@ def _main_page(path: Path, source: Any) -> int:
 
 
 def _white_is_top(
-    path: Path, pixels: npt.NDArray[Any], names: tuple[str, ...], tags: Mapping[str, Any]
-) -> npt.NDArray[Any]:
+    path: Path, pixels: AnyArray, names: tuple[str, ...], tags: Mapping[str, Any]
+) -> AnyArray:
     """Gray of a TIFF in which 0 is white, inverted where OpenImageIO has not done so.
 
     It inverts 8 bits, and alpha as well.
@@ -350,9 +349,7 @@ def _open(path: Path, form: Format, max_pixels: int) -> tuple[Any, Any]:
     raise damaged(path, form, reason.splitlines())
 
 
-def _pixels(
-    path: Path, form: Format, source: Any, spec: Any, names: tuple[str, ...]
-) -> npt.NDArray[Any]:
+def _pixels(path: Path, form: Format, source: Any, spec: Any, names: tuple[str, ...]) -> AnyArray:
     at = [spec.channelnames.index(name) for name in names]
     kind = str(spec.format)
     dtype = kind if kind.startswith("uint") or (form is FITS and kind == "int16") else "float"
@@ -373,7 +370,7 @@ def _pixels(
     return np.asarray(pixels)
 
 
-def _full_picture(pixels: npt.NDArray[Any], spec: Any) -> tuple[npt.NDArray[Any], Bools]:
+def _full_picture(pixels: AnyArray, spec: Any) -> tuple[AnyArray, Bools]:
     """The display window, of which the file may hold a part, and a mask of that part."""
     data = (spec.x, spec.y, spec.width, spec.height)
     full = (spec.full_x, spec.full_y, spec.full_width, spec.full_height)
@@ -389,7 +386,7 @@ def _full_picture(pixels: npt.NDArray[Any], spec: Any) -> tuple[npt.NDArray[Any]
     return whole, inside
 
 
-def _upright(stored: Sequence[npt.NDArray[Any]], tags: Mapping[str, Any]) -> list[npt.NDArray[Any]]:
+def _upright(stored: Sequence[AnyArray], tags: Mapping[str, Any]) -> list[AnyArray]:
     """Stored arrays of pixels turned by the orientation of the file."""
     turn = exif_orientation(tags.get("Orientation", 1))
     return [np.ascontiguousarray(turn.upright(pixels)) for pixels in stored]

@@ -14,9 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Codes8
+from blurmatte.checks import AnyArray, Codes8, Indices
 from blurmatte.files.errors import plain_name
 from blurmatte.files.exif import TiffTag
 from blurmatte.files.raster import IS_SRGB
@@ -27,7 +26,7 @@ _TALL = (b"dataWindow", b"displayWindow")  # attributes that state the height: x
 
 def save_pixels(
     path: Path,
-    parts: Sequence[npt.NDArray[Any]],
+    parts: Sequence[AnyArray],
     names: Sequence[str],
     tags: Mapping[str, Any],
 ) -> None:
@@ -77,8 +76,8 @@ def save_pixels(
 
 def _write_strips(
     target: Any,
-    parts: Sequence[npt.NDArray[Any]],
-    rows: npt.NDArray[np.intp],
+    parts: Sequence[AnyArray],
+    rows: Indices,
     dtype: np.dtype[Any],
 ) -> bool:
     """Interleave some rows of the parts strip by strip, without a second copy of the picture."""
@@ -116,7 +115,7 @@ def _first_line(text: str) -> str:
     return next((line.strip() for line in text.splitlines() if line.strip()), "no reason given")
 
 
-def distinct_blocks(parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
+def distinct_blocks(parts: Sequence[AnyArray]) -> Indices:
     """(n,) for each block of rows, the position of an equal one among the blocks to be written.
 
     parts (H, W) or (H, W, n): channels. Only blocks of one value for each channel are compared.
@@ -134,14 +133,14 @@ def distinct_blocks(parts: Sequence[npt.NDArray[Any]]) -> npt.NDArray[np.intp]:
     return np.array(sources)
 
 
-def written_rows(sources: npt.NDArray[np.intp], height: int) -> npt.NDArray[np.intp]:
+def written_rows(sources: Indices, height: int) -> Indices:
     """The rows of a picture that are in the blocks to be written."""
     first = np.unique(sources, return_index=True)[1]
     rows = (first[:, None] * BLOCK_ROWS + np.arange(BLOCK_ROWS)).ravel()
     return np.asarray(rows[rows < height])
 
 
-def repeat_blocks(path: Path, sources: npt.NDArray[np.intp], height: int) -> None:
+def repeat_blocks(path: Path, sources: Indices, height: int) -> None:
     """Replace an EXR of the blocks to be written by that of the whole picture."""
     content = memoryview(path.read_bytes())
     header, table = _taller(content, height)

@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import AnyArray
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_json, to_mapping
 from blurmatte.files.exr import changed_header
@@ -39,7 +39,7 @@ _MOST_BYTES = 2**32 - 2**20  # offsets of TIFF have 32 bits
 _ROWS = 256  # that are converted at a time
 
 
-def solution_parts(solution: Solution) -> tuple[npt.NDArray[Any], ...]:
+def solution_parts(solution: Solution) -> tuple[AnyArray, ...]:
     """Arrays of the channels `CHANNELS`."""
     layer = solution.layer
     return (
@@ -48,7 +48,7 @@ def solution_parts(solution: Solution) -> tuple[npt.NDArray[Any], ...]:
     )
 
 
-def solution_maps(solution: Solution) -> dict[str, npt.NDArray[Any]]:
+def solution_maps(solution: Solution) -> dict[str, AnyArray]:
     """Maps (H, W) of a solution by their names for people; those of light for each channel."""
     maps = {"alpha": solution.alpha, "error of alpha": solution.alpha_std}
     for channel, color in enumerate(("red", "green", "blue")):
@@ -119,11 +119,11 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
 
 
 def _arrays(raster: Raster) -> Mapping[str, Any]:
-    def light(name: str) -> npt.NDArray[Any]:
+    def light(name: str) -> AnyArray:
         """(H, W, 3) of the channels of one name."""
         return raster.channels(tuple(f"{name}.{color}" for color in "RGB"))
 
-    def single(name: str) -> npt.NDArray[Any]:
+    def single(name: str) -> AnyArray:
         """(H, W) of one channel."""
         return raster.channels((name,))[..., 0]
 
@@ -148,7 +148,7 @@ def stats_to_mapping(stats: SolutionStats) -> dict[str, Any]:
     return {name: part for name, part in fields.items() if part is not None or name == _NULL}
 
 
-def save_stack(path: Path, maps: Mapping[str, npt.NDArray[Any]], about: str) -> None:
+def save_stack(path: Path, maps: Mapping[str, AnyArray], about: str) -> None:
     """Write maps (H, W) of one size as slices, each with its name; a text describes all.
 
     Raises FileError if they need more than 4 GB, which a TIFF cannot hold.

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import Codes8, Floats, as_array
+from blurmatte.checks import AnyArray, Codes8, Floats, as_array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.atomic import ending_of, moved_together, replacing
@@ -59,7 +58,7 @@ Writable = (
     | Codes8
 )
 _Writer = Callable[[Path], None]
-Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
+Parts = tuple[AnyArray, AnyArray]
 
 _SRGB = {"oiio:ColorSpace": "srgb_rec709_scene"}
 _LINEAR = {"oiio:ColorSpace": "lin_rec709_scene"}
@@ -276,7 +275,7 @@ def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     write_table(Table.from_pylist(flat_rows(rows)), path)
 
 
-def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> npt.NDArray[Any]:
+def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> AnyArray:
     """Integer sRGB code values of linear light; strip by strip, to save memory."""
     codes = np.empty(light.shape, dtype)
     for row in range(0, len(light), 64):
@@ -286,7 +285,7 @@ def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) ->
     return codes
 
 
-def _stored(values: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> npt.NDArray[Any]:
+def _stored(values: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> AnyArray:
     """0…1 as integers, clipped and rounded."""
     if np.isnan(values).any():
         raise ValueError("use .exr or replace NaN; an integer file cannot hold it")

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Codes8, box_of
+from blurmatte.checks import Bools, Codes8, Ints64, box_of
 from blurmatte.jpeg import entropy
 from blurmatte.jpeg.structure import (
     MAX_CODE_BITS,
@@ -158,7 +158,7 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
     )
 
 
-def _huffman_tables(counts: npt.NDArray[np.int64]) -> tuple[HuffmanCodes, Codes8, bytes]:
+def _huffman_tables(counts: Ints64) -> tuple[HuffmanCodes, Codes8, bytes]:
     """(4, 256) code and length of every symbol, and the body of the DHT segment."""
     codes, lengths = np.zeros((4, 256), np.uint32), np.zeros((4, 256), np.uint8)
     body = b""
@@ -202,7 +202,7 @@ def _scan_segment(jpeg: Jpeg) -> bytes:
     return _segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
 
 
-def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, HuffmanCodes, Codes8]:
+def huffman_codes(counts: Ints64) -> tuple[bytes, HuffmanCodes, Codes8]:
     """Optimal codes of at most 16 bits for symbols with the given frequencies.
 
     At least one of the frequencies (256,) is positive. Returns the symbols in the order of their
@@ -228,7 +228,7 @@ def table_bytes(name: int, symbols: bytes, lengths: Codes8) -> bytes:
     return bytes([name, *per_length[1:].tolist()]) + symbols
 
 
-def _unlimited_lengths(counts: npt.NDArray[np.int64]) -> list[int]:
+def _unlimited_lengths(counts: Ints64) -> list[int]:
     """Code lengths of all symbols and the reserved one, without a limit [K.2, Code_size]."""
     reserved = len(counts)  # a pseudo-symbol that gets the code of all ones, which T.81 forbids
     weights = {symbol: int(n) for symbol, n in enumerate(counts) if n} | {reserved: 1}
@@ -244,7 +244,7 @@ def _unlimited_lengths(counts: npt.NDArray[np.int64]) -> list[int]:
     return sizes
 
 
-def _limited_lengths(per_length: npt.NDArray[np.int64]) -> list[int]:
+def _limited_lengths(per_length: Ints64) -> list[int]:
     """Number of codes of each length up to 16 bits, without the reserved one [K.2, Adjust_BITS]."""
     bits: list[int] = per_length.tolist() + [0] * (MAX_CODE_BITS + 1)
     for length in range(len(per_length) - 1, MAX_CODE_BITS, -1):

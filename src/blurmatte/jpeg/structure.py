@@ -16,7 +16,7 @@ from enum import IntEnum
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Ints32
+from blurmatte.checks import Ints32, Ints64
 
 # (64,) row-major index of each coefficient in zigzag order [T.81 figure A.6].
 ZIGZAG = np.array(
@@ -95,7 +95,7 @@ def scan_order(
     size: tuple[int, int],
     components: tuple[Component, ...],
     chosen: tuple[int, ...] | range,
-) -> tuple[Ints32, npt.NDArray[np.int64]]:
+) -> tuple[Ints32, Ints64]:
     """(units, n) block indices of each coded unit of a scan, and (n,) the component of each block.
 
     A scan of one component is coded block by block and stops at the picture's edge [T.81 A.2].

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Direction, Floats
+from blurmatte.checks import AnyArray, Array, Direction, Floats
 
 Pattern = npt.NDArray[np.integer[Any]]
 
@@ -54,7 +54,7 @@ def variance_shares(pattern: Pattern) -> Array:
     return shares
 
 
-def tiled(tile: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
+def tiled(tile: AnyArray, shape: tuple[int, ...]) -> AnyArray:
     """The tile, repeated to the right and downwards and cut to (H, W)."""
     counts = [-(-whole // part) for whole, part in zip(shape, tile.shape, strict=True)]
     return np.tile(tile, counts)[: shape[0], : shape[1]]
@@ -89,16 +89,16 @@ class Orientation:
             return "left" if self.left_right else "right"
         return "up" if self.upside_down else "down"
 
-    def upright(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def upright(self, pixels: AnyArray) -> AnyArray:
         """(H, W, …) pixels as they are shown; a view."""
         return self._flipped(np.swapaxes(pixels, 0, 1) if self.transposed else pixels)
 
-    def stored(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def stored(self, pixels: AnyArray) -> AnyArray:
         """The inverse of `upright`."""
         pixels = self._flipped(pixels)
         return np.swapaxes(pixels, 0, 1) if self.transposed else pixels
 
-    def _flipped(self, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def _flipped(self, pixels: AnyArray) -> AnyArray:
         return pixels[:: -1 if self.upside_down else 1, :: -1 if self.left_right else 1]
 
 

@@ -14,10 +14,9 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Bools, Floats, Indices
 from blurmatte.radiometry import LinearImage, Noise, rounding_noise
 from blurmatte.radiometry.image import VARIANCE_FLOOR, part_of
 from blurmatte.statistics import cell_means, robust_std
@@ -217,7 +216,7 @@ def _in_strip(d: Floats, sigma: Floats, valid: Bools) -> Bools:
     return found
 
 
-def _candidates(z: Floats, valid: Bools) -> npt.NDArray[np.intp]:
+def _candidates(z: Floats, valid: Bools) -> Indices:
     """(n, 2) rows and columns of valid pixels that exceed six of their eight neighbors by far.
 
     Neighbors are compared for strong pixels only: of the others there are too many.
@@ -229,7 +228,7 @@ def _candidates(z: Floats, valid: Bools) -> npt.NDArray[np.intp]:
     return yx[_exceed_neighbors(size, yx)]
 
 
-def _exceed_neighbors(size: Floats, yx: npt.NDArray[np.intp]) -> Bools:
+def _exceed_neighbors(size: Floats, yx: Indices) -> Bools:
     """(n,) whether the third largest of 3 x 3 pixels is less than half of the central one."""
     y, x = yx.T
     around = np.stack([size[y + i, x + j] for i in (-1, 0, 1) for j in (-1, 0, 1)])

@@ -16,9 +16,8 @@ these times the ball moves on a line, or with constant acceleration, in space.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Ints64
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
@@ -75,7 +74,7 @@ class PerspectiveBall(Shape):
         """The nearest shape with a radius within bounds."""
         return np.concatenate([np.clip(shape[:1], *bounds), shape[1:]])
 
-    def _boxes(self, X: Array, within: Pixels) -> npt.NDArray[np.int64]:
+    def _boxes(self, X: Array, within: Pixels) -> Ints64:
         """(T, 4) boxes of the pixels that may see a ball at X (T, 3), radii.
 
         5 % and two pixels larger than the box of the points on its outline.

@@ -15,10 +15,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Indices
 from blurmatte.descent import descended
 from blurmatte.errors import MotionError
 
@@ -66,9 +65,7 @@ class RingPixels:
     std: Array
 
 
-def pixels_at(
-    alpha: Array, std: Array, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]
-) -> RingPixels:
+def pixels_at(alpha: Array, std: Array, y: Indices, x: Indices) -> RingPixels:
     """Pixels of a picture at indices y and x, (n,) both."""
     return RingPixels(x.astype(float), y.astype(float), alpha[y, x], std[y, x])
 

@@ -24,9 +24,8 @@ than its error.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Ints64
 from blurmatte.color.model import ColorModel
 from blurmatte.sweep.model import color_field_kernel
 from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
@@ -88,8 +87,8 @@ class Grid:
     """Nodes of the cells that an object covered."""
 
     pitch: float  # pixels from node to node
-    number: npt.NDArray[np.int64]  # number of each node, −1 where there is none
-    neighbors: npt.NDArray[np.int64]  # pairs of adjacent nodes, the lower number first
+    number: Ints64  # number of each node, −1 where there is none
+    neighbors: Ints64  # pairs of adjacent nodes, the lower number first
     width: int  # of the lower band of a matrix that couples nodes of one cell
     size: int  # number of nodes
 
