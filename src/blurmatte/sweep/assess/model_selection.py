@@ -27,7 +27,7 @@ from blurmatte.statistics import block_squares
 from blurmatte.streaks import Streak
 from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
-from blurmatte.sweep.model.pixels import means
+from blurmatte.sweep.model.pixel_box import means
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep
 

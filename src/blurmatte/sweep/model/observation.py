@@ -13,7 +13,7 @@ from blurmatte.statistics import block_squares
 from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
 from blurmatte.sweep.model.color_field import ColorPrior, residuals_of_none
-from blurmatte.sweep.model.pixels import PixelBox, light_of, means
+from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
 from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 from blurmatte.sweep.model.student_t import loss
 
