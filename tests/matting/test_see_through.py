@@ -102,6 +102,25 @@ def test_errors_cover_opacities_that_may_be_any():
 
 
 @pytest.mark.battery
+def test_radii_of_large_thin_discs_are_within_their_errors():
+    """honest: small solid discs that moved far have nearly the same alpha."""
+    z = []
+    for seed in range(8):
+        rng = np.random.default_rng([seed, 31])
+        radius, opacity = rng.uniform(10, 14), rng.uniform(0.25, 0.5)
+        scene = glass(opacity, "textured", seed + 900, radius, rng.uniform(12, 24))
+        _, solution = solved(scene, seed=seed, opacity=OpacityPrior.ANY)
+        sweep, motion = solution.sweep, measure_motion(solution)
+        z.append(
+            [
+                (motion.radius - radius) / motion.radius_std,
+                (sweep.silhouette.opacity - opacity) / sweep.opacity_std,
+            ]
+        )
+    assert np.abs(z).max() < 3.5
+
+
+@pytest.mark.battery
 def test_a_given_color_shows_the_opacity_before_an_even_plate():
     model = ColorModel.from_samples(np.array([GREEN]), std=1e-3)
     alpha, solution = solved(glass(0.4, "plain"), model)

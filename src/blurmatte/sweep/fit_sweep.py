@@ -40,6 +40,7 @@ from blurmatte.sweep.fit.multistart import (
     Multistart,
     fitted_to_hue,
     half_width_of,
+    thin_with_moments,
     with_principal_axes,
     with_varied_colors,
 )
@@ -67,6 +68,7 @@ from blurmatte.sweep.hypotheses import (
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
@@ -507,10 +509,22 @@ def _seen_through(state: State, bounds: tuple[float, float], known: Opacity | No
     through. So fits start from the opacity that it has if it is not solid, where the plate's texture
     says something about that. `known` is the opacity of the fit, if it is known.
     """
-    found, fitted = known or _opacity_of(state), state
-    is_open = found.thin_std > _MAX_OPEN_STD
-    if found.value == 1 and (is_open or (found.std <= _MAX_KNOWN_STD and is_explained_by(state))):
+    found = known or _opacity_of(state)
+    is_open = found.value == 1 and found.thin_std > _MAX_OPEN_STD
+    is_any = state.observation.opacity is OpacityPrior.ANY
+    if is_any and state.silhouette.opacity == 1 and not is_open:
+        larger = _larger_thin(state, bounds)
+        if larger is not None and best_of([state, larger]) is larger:
+            return larger
+    is_known = found.std <= _MAX_KNOWN_STD and is_explained_by(state)
+    if is_open or (found.value == 1 and is_known):
         return state
+    return _with_own_opacity(state, found, bounds) or state
+
+
+def _with_own_opacity(state: State, found: Opacity, bounds: tuple[float, float]) -> State | None:
+    """A fit again and again with the opacity that is found for it, first this one; None if solid."""
+    fitted = state
     for _ in range(_MAX_ROUNDS):
         opacity = max(found.value if found.value < 1 else found.thin, _MIN_OPACITY)
         if abs(opacity - fitted.silhouette.opacity) <= _MIN_OPACITY_STEP * found.thin_std:
@@ -520,9 +534,22 @@ def _seen_through(state: State, bounds: tuple[float, float], known: Opacity | No
         fitted = minimize(with_principal_axes(thin), bounds, MAX_STEPS, ROUGH_TOLERANCE)
         worse = (fitted.cost - state.cost) / state.variance_inflation
         if found.value == 1 and worse > DECISIVE_LOG_BAYES_FACTOR:
-            return state
+            return None
         found = _opacity_of(fitted)
-    return state if found.value == 1 else fitted
+    return None if found.value == 1 else fitted
+
+
+def _larger_thin(state: State, bounds: tuple[float, float]) -> State | None:
+    """A fit of a larger disc that lets light through; None if that is solid.
+
+    A small solid disc that moved far has nearly the alpha of a large one that lets light through and
+    moved less. Neither becomes the other in small steps.
+    """
+    starts = thin_with_moments(state, (LINE, PARABOLA))
+    if not starts:
+        return None
+    best = best_of([minimize(one, bounds, MAX_STEPS, ROUGH_TOLERANCE) for one in starts])
+    return _with_own_opacity(best, _opacity_of(best), bounds)
 
 
 def _opacity_of(state: State) -> Opacity:

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage
@@ -13,10 +14,12 @@ from blurmatte.sweep.fit.ranking import (
     rejection,
     residual_excess,
 )
+from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
+_OPACITY_STEP = 0.01  # of a numeric derivative
 _MIN_LIGHT = 1e-9  # of white, of an object that has a color
 _MAX_ONE_COLOR_SPREAD = (
     0.1  # radians across the mean color: noise, gloss and two lamps of one paint
@@ -42,6 +45,8 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
     opacity_std = candidate.opacity_std
     if silhouette.opacity < 1:
+        by_opacity = opacity_std * _by_opacity(state)[:n]
+        covariance = covariance + np.outer(by_opacity, by_opacity)
         # What is seen through it determines the product of opacity and coverage. The color of an object
         # that may be solid is that of a solid one.
         opacity_std = float(np.hypot(opacity_std, silhouette.opacity * area_error))
@@ -59,6 +64,15 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
         probability = prior.probability(state.family, state.path, shape, alike)
         diagnostics = replace(diagnostics, prior_probability=probability)
     return replace(sweep, diagnostics=diagnostics)
+
+
+def _by_opacity(state: State) -> Array:
+    """(p,) derivatives of the likeliest path and shape by the opacity: of the minimum of the cost."""
+    assert isinstance(state.silhouette, FlatShape)
+    lower = state.silhouette.with_opacity(state.silhouette.opacity - _OPACITY_STEP)
+    H, g = state.information()
+    slope = (g - state.of_kind(lower).information()[1]) / _OPACITY_STEP
+    return np.asarray(-np.linalg.pinv(H, hermitian=True) @ slope, float)
 
 
 def diagnosed(

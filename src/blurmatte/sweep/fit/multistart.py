@@ -24,7 +24,7 @@ from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.path import FAMILIES, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.priors import MotionPrior
-from blurmatte.sweep.model.silhouette import DISC, as_silhouette
+from blurmatte.sweep.model.silhouette import DISC, OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
 S = TypeVar("S")
@@ -238,6 +238,30 @@ def start_along(observation: Observation, family: PathFamily, path: Array, radiu
     disc = replace(DISC, camera_stretch=observation.camera_stretch)
     state = state_at(observation, family, path, disc, disc.start(radius))
     return with_principal_axes(state)
+
+
+def thin_with_moments(state: State, families: Sequence[PathFamily]) -> list[State]:
+    """Discs that let light through, on a line, of which alpha has the moments of a fit's alpha.
+
+    A disc of radius r has the variance r²/4 along each axis; an even motion of length l adds l²/12
+    along its own. The sum of alpha is o π r² with the opacity o. None if that is a solid disc.
+    """
+    alpha, pixels = state.swept.alpha, state.observation.pixels
+    at = pixels.origin + pixels.scale * np.argwhere(alpha > 0)[:, ::-1]
+    weight = alpha[alpha > 0]
+    middle = np.average(at, axis=0, weights=weight)
+    (across, along), axes = np.linalg.eigh(np.cov(at.T, ddof=0, aweights=weight))
+    opacity = float(weight.sum()) * pixels.scale**2 / (4 * np.pi * across)
+    if opacity >= OPAQUE:
+        return []
+    half = np.sqrt(3 * (along - across)) * axes[:, 1]
+    disc = replace(DISC, camera_stretch=state.observation.camera_stretch, opacity=opacity)
+    shape, line = disc.start(2 * np.sqrt(across)), _evenly(np.stack([middle - half, middle + half]))
+    starts = ((family, family.starts(line)[0]) for family in families)
+    return [
+        with_principal_axes(state_at(state.observation, family, path, disc, shape))
+        for family, path in starts
+    ]
 
 
 def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
