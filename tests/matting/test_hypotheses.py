@@ -14,6 +14,7 @@ from blurmatte.matting.maps import Grade
 from blurmatte.matting.smooth import Smooth
 from blurmatte.rendering import Ball, Camera, Scene, render
 from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.trajectory import Trajectory
 
@@ -90,5 +91,26 @@ def test_errors_of_the_radius_contain_other_likely_shapes():
             pictures = photograph(KINDS[kind](drawn).truth, FILES["JPEG"], seed)
             sweep = solve(*pictures).sweep
             z.append((sweep.radius - drawn.radius) / sweep.radius_std)
+    assert np.mean(np.abs(z) < 3) >= 0.9
+    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 2
+
+
+@pytest.mark.battery
+def test_errors_of_the_radius_contain_a_side_as_bright_as_the_wall():
+    """honest: of matte balls of about the hue of a plain wall, lit from one side."""
+    z = []
+    for seed in range(16):
+        rng = np.random.default_rng([seed, 12])
+        wall = rng.uniform(0.2, 0.4) * rng.uniform(0.9, 1.1, 3)
+        turn, tilt = rng.uniform(0, 2 * np.pi), rng.uniform(0.5, 1.1)
+        lamp = Lamp((np.cos(turn) * np.sin(tilt), np.sin(turn) * np.sin(tilt), np.cos(tilt)))
+        radius, paint = rng.uniform(6, 11), rng.uniform(0.6, 0.9) * rng.uniform(0.9, 1.1, 3)
+        ball = Ball(radius, paint, ambient=0.3, lamps=(lamp,))
+        path = Trajectory.line((40, 36), (40 + rng.uniform(16, 48), 36 + rng.uniform(-8, 8)))
+        truth = render(Scene(plain_plate(SIZE, wall, seed), path, ball), 96)
+        camera = Camera(code_std=1 / 255)
+        pictures = (camera.photograph(one.rgb, rng) for one in (truth.image, truth.plate))
+        sweep = solve(*pictures).sweep
+        z.append((sweep.radius - radius) / sweep.radius_std)
     assert np.mean(np.abs(z) < 3) >= 0.9
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 2

@@ -44,7 +44,7 @@ from blurmatte.sweep.fit.multistart import (
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.pattern import fit_pattern, has_pattern, may_have_pattern
+from blurmatte.sweep.fit.pattern import fit_pattern, fit_patterns, has_pattern, may_have_pattern
 from blurmatte.sweep.fit.ranking import (
     NEGATIVE_LIGHT,
     Candidate,
@@ -493,7 +493,10 @@ class _Candidates:
         if image.meta.transfer_assumed:
             sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
         plate, streak = self.fits.plate, self.fits.streak
-        return Hypotheses(search.observation, sweeps, evidences, plate, streak, self.untried)
+        patterned = _patterned(self.fits.disc, fitted[0], search.bounds, image)
+        return Hypotheses(
+            search.observation, sweeps, evidences, plate, streak, self.untried, patterned
+        )
 
 
 def _is_known_solid(observation: Observation) -> bool:
@@ -655,6 +658,18 @@ def _quick_disc(
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.
     known = sweep_of(Candidate(disc), image).diagnostics
     return disc, search, replace(sweep, diagnostics=known)
+
+
+def _patterned(
+    disc: State, likeliest: Candidate, bounds: tuple[float, float], image: LinearImage
+) -> tuple[Sweep, Evidence] | None:
+    """A disc with a pattern, and the evidence for it, if the likeliest shape is not fitted to hue."""
+    if has_pattern(disc) or not may_have_pattern(disc) or likeliest.cast is not None:
+        return None
+    if fitted_to_hue(likeliest.state, bounds) is not likeliest.state:
+        return None
+    best = fit_patterns(disc, bounds)[-1]
+    return sweep_of(best, image), _evidence(disc.observation, best)
 
 
 def _may_be_painted(disc: State) -> bool:
