@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from benchmarks.cycles.own import CAMERAS
-from benchmarks.cycles.pictures import OWN, Picture, find_pictures
+from benchmarks.cycles.pictures import OWN, TUNE, Picture, find_pictures
 from benchmarks.cycles.workers import run_each
 from benchmarks.table import Table
 
@@ -22,7 +22,6 @@ from blurmatte.matting.case import Answer, Case
 from blurmatte.matting.hypotheses import Averaged, WeightedHypotheses, adds_light
 from blurmatte.matting.maps import PixelMaps
 
-TUNE = "tune"
 _GROUPS = 4  # of equally many pictures, ordered by the weight of the likeliest
 
 
