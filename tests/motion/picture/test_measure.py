@@ -166,8 +166,12 @@ def test_errors_of_moments_match_scatter(softness, least):
 
 
 @pytest.mark.battery
-def test_errors_of_sweeps_match_scatter():
-    """Honest: small balls, from the pictures to the motion."""
+def test_errors_of_sweeps_contain_scatter():
+    """Honest: small balls, from the pictures to the motion.
+
+    Stated errors are calibrated on scenes of two renderers and hold for both, so they are larger than
+    the scatter with the camera of one of them.
+    """
     z = []
     for seed in range(24):
         rng = np.random.default_rng(seed)
@@ -183,7 +187,8 @@ def test_errors_of_sweeps_match_scatter():
         found = np.array([*motion.center, motion.length, motion.radius])
         std = np.array([*motion.center_std, motion.length_std, motion.radius_std])
         z.append((found - true) / std)
-    assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25  # of 96 slightly correlated numbers
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.1  # of 96 slightly correlated numbers
+    assert np.mean(np.abs(z) <= 2) >= 0.95
 
 
 def test_rotated_picture_rotates_the_angle():
