@@ -47,6 +47,8 @@ def arguments() -> argparse.Namespace:
     fitted = commands.add_parser("calibrate", help="fit the calibration of alpha's error")
     fitted.add_argument("--limit", type=int, help="only so many pictures, of all kinds")
     fitted.add_argument("--processes", type=int, default=2)
+    odds = commands.add_parser("odds", help="fit the odds of hypotheses; before calibrate")
+    odds.add_argument("--processes", type=int, default=2)
     weighed = commands.add_parser("weights", help="write docs/results of the weights of hypotheses")
     weighed.add_argument("--processes", type=int, default=2)
     compared = commands.add_parser("check", help="compare the numbers of two journals")
@@ -83,6 +85,8 @@ def main() -> int:
             print(f"{own.write_own(root(), given.count)} pictures written")
         case "calibrate":
             print(calibrate.calibrate(root(), given.limit, given.processes))
+        case "odds":
+            print(weights.write_odds(root(), given.processes))
         case "score":
             journal = scoring.score(
                 root(), given.parts, given.cameras, given.methods, given.limit, given.processes

@@ -30,7 +30,7 @@ from blurmatte.sweep.assess.calibration import COMPRESSED, UNCOMPRESSED, ErrorTe
 Array = npt.NDArray[np.float64]
 
 JOURNAL = "calibration.jsonl"
-_DATA = Path(calibration.__file__).with_name("calibration.json")
+CALIBRATION = Path(calibration.__file__).with_name("calibration.json")
 QUANTILE = 0.6  # of the errors that the calibrated one exceeds
 _EXCEEDED = 0.05  # fraction of the pictures whose error is more than twice the calibrated one
 _MIN_ERROR = 1e-4  # of alpha: less is the truth's own sampling noise
@@ -72,10 +72,10 @@ def calibrate(root: Path, limit: int | None, processes: int) -> Path:
         f"{parts[OWN]} of blurmatte's own renderer; PNG and phone JPEG; "
         "benchmarks/cycles/calibrate.py"
     )
-    known = json.loads(_DATA.read_text(encoding="utf-8")) if _DATA.is_file() else {}
+    known = json.loads(CALIBRATION.read_text(encoding="utf-8")) if CALIBRATION.is_file() else {}
     found = {**known, **fit(samples, provenance)}  # other factors are those of given_color.py
-    _DATA.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return _DATA
+    CALIBRATION.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    return CALIBRATION
 
 
 def gather(root: Path, cameras: Sequence[str], limit: int | None, processes: int) -> list[Sample]:

@@ -1,17 +1,23 @@
 """Do the weights of hypotheses agree with how often the likeliest is the nearest to the truth?
 
 Pictures of the parts tune and own are solved, and the alphas of all hypotheses compared with the
-truth.
+truth. The odds of the weights are fitted in the same way to the parts learn and own, by conditional
+logistic regression [McFadden 1974].
 """
 
+import json
+import sys
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, fields
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
+import scipy
+from benchmarks.cycles.calibrate import CALIBRATION, Array
 from benchmarks.cycles.own import CAMERAS
-from benchmarks.cycles.pictures import OWN, TUNE, Picture, find_pictures
+from benchmarks.cycles.pictures import LEARN, OWN, TUNE, Picture, find_pictures
 from benchmarks.cycles.workers import run_each
 from benchmarks.table import Table
 
@@ -21,8 +27,12 @@ from blurmatte.matting import solve
 from blurmatte.matting.case import Answer, Case
 from blurmatte.matting.hypotheses import Averaged, WeightedHypotheses, adds_light
 from blurmatte.matting.maps import PixelMaps
+from blurmatte.sweep.assess.calibration import OddsTerms
+from blurmatte.sweep.assess.model_selection import odds_terms
 
 _GROUPS = 4  # of equally many pictures, ordered by the weight of the likeliest
+_ALIKE = 1.1  # ratio of the errors of two hypotheses of which neither is nearer to the truth
+_RIDGE = 0.01  # of the coefficients, against the log likelihood of a picture
 
 
 @dataclass(frozen=True)
@@ -32,16 +42,28 @@ class Weighed:
     Parameters
     ----------
     renderer, camera : str
-    weight : float
-        The largest one.
-    is_nearest : bool
-        Whether no other hypothesis has less root mean square error of alpha.
+    terms : (n,) list of OddsTerms
+        Of the possible hypotheses.
+    weights : (n,) float
+    errors : (n,) float
+        Root mean square errors of their alpha.
     """
 
     renderer: str
     camera: str
-    weight: float
-    is_nearest: bool
+    terms: Sequence[OddsTerms]
+    weights: Array
+    errors: Array
+
+    @property
+    def weight(self) -> float:
+        """The largest one."""
+        return float(self.weights.max())
+
+    @property
+    def is_nearest(self) -> bool:
+        """Whether no other hypothesis has less error than that of the largest weight."""
+        return bool(self.errors[int(np.argmax(self.weights))] <= self.errors.min())
 
 
 @dataclass(frozen=True)
@@ -58,10 +80,45 @@ class _Watched(Averaged):
 
 
 def weigh(root: Path, processes: int) -> Table:
-    """The table of all pictures of the two parts."""
-    pictures = find_pictures(root, (TUNE, OWN), CAMERAS)
-    found = [one for _, one in run_each(_weighed, pictures, processes) if isinstance(one, Weighed)]
-    return reliability(found)
+    """The table of all pictures of the parts tune and own."""
+    return reliability(_gather(root, (TUNE, OWN), processes))
+
+
+def write_odds(root: Path, processes: int) -> Path:
+    """Fit the odds to the parts learn and own, and write the package's calibration; its path."""
+    found = fit_odds(_gather(root, (LEARN, OWN), processes))
+    known = json.loads(CALIBRATION.read_text(encoding="utf-8"))
+    CALIBRATION.write_text(json.dumps({**known, "odds": found}, indent=2) + "\n", encoding="utf-8")
+    return CALIBRATION
+
+
+def fit_odds(pictures: Sequence[Weighed]) -> dict[str, float]:
+    """Coefficients of the `OddsTerms` for which the nearest hypotheses are the most probable."""
+    names = [one.name for one in fields(OddsTerms)]
+    terms = [np.array([astuple(one) for one in picture.terms]) for picture in pictures]
+    nearest = [one.errors <= _ALIKE * one.errors.min() for one in pictures]
+
+    def loss(c: Array) -> tuple[float, Array]:
+        """Negative log likelihood of a picture with the ridge, and its gradient."""
+        value, gradient = 0.0, np.zeros(len(c))
+        for X, near in zip(terms, nearest, strict=True):
+            p = scipy.special.softmax(-X @ c)
+            value -= float(np.log(p[near].sum()))
+            gradient += (p[near] / p[near].sum()) @ X[near] - p @ X
+        mean = value / len(terms) + _RIDGE * float(c @ c)
+        return mean, gradient / len(terms) + 2 * _RIDGE * c
+
+    found = scipy.optimize.minimize(loss, np.zeros(len(names)), jac=True).x
+    return {name: round(float(c), 2) for name, c in zip(names, found, strict=True)}
+
+
+def _gather(root: Path, parts: Sequence[str], processes: int) -> list[Weighed]:
+    pictures, found = find_pictures(root, parts, CAMERAS), []
+    for done, (_, one) in enumerate(run_each(_weighed, pictures, processes), 1):
+        print(f"\r{done} of {len(pictures)} pictures", end="", file=sys.stderr, flush=True)
+        if isinstance(one, Weighed):
+            found.append(one)
+    return found
 
 
 def reliability(pictures: Sequence[Weighed]) -> Table:
@@ -105,8 +162,13 @@ def _weighed(picture: Picture) -> Weighed | None:
         return None
     found = solver.found[-1]
     true = truth.layer.alpha[rows_columns(found.box)]
-    errors = [np.nanmean((one.alpha - true) ** 2) for one in found.estimates]
-    best = int(np.argmax(found.weights))
-    is_nearest = bool(errors[best] <= min(errors))
-    facts = picture.facts
-    return Weighed(facts.renderer, picture.camera, float(found.weights[best]), is_nearest)
+    errors = [float(np.sqrt(np.nanmean((one.alpha - true) ** 2))) for one in found.estimates]
+    evidence = [one.evidence for one in compress(found.all, found.possible)]
+    facts, which = picture.facts, np.array(found.possible)
+    return Weighed(
+        facts.renderer,
+        picture.camera,
+        odds_terms(evidence),
+        found.weights[which],
+        np.array(errors)[which],
+    )

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from benchmarks.accuracy.verdict import FILES, KINDS, draw
 from benchmarks.trials import photograph
-from numpy.testing import assert_array_equal
 
 import blurmatte as bm
 from blurmatte.explain.grade import grade_in_words
 from blurmatte.matting import Averaged, hypotheses, solve
-from blurmatte.matting.averaging import MIN_WEIGHT
+from blurmatte.matting.averaging import QUARTILE
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.smooth import Smooth
 from blurmatte.rendering import Ball, Camera, Scene, render
@@ -50,15 +49,14 @@ def test_without_a_limit_every_shape_that_is_worth_a_fit_is_tried(square):
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[streak] ** 2)) < 0.02
 
 
-def test_an_error_that_is_not_simulated_changes_nothing(square, monkeypatch):
+def test_an_error_that_is_not_simulated_changes_alpha_by_less_than_its_error(square, monkeypatch):
     _, image, plate = square
     without = solve(image, plate)
-    monkeypatch.setattr(hypotheses, "_may_have_weight", lambda *_: True)
+    monkeypatch.setattr(hypotheses, "_may_enter_mean", lambda *_: True)
     simulated = solve(image, plate)
-    assert without.stats.weights[-1] < MIN_WEIGHT
-    for name in ("alpha", "alpha_std", "premultiplied", "quality"):
-        assert_array_equal(getattr(without, name), getattr(simulated, name))
-    assert without.stats.sum_alpha_std == simulated.stats.sum_alpha_std
+    assert max(without.stats.weights[-1], simulated.stats.weights[-1]) < QUARTILE
+    change = np.abs(without.alpha - simulated.alpha)
+    assert np.all(change <= 0.1 * simulated.alpha_std + 1e-9)
 
 
 def test_an_alpha_without_a_shape_that_has_weight_has_a_simulated_error(monkeypatch):
@@ -77,7 +75,7 @@ def test_an_alpha_without_a_shape_that_has_weight_has_a_simulated_error(monkeypa
         return original(*given)
 
     monkeypatch.setattr(Smooth, "simulated_error", counted)
-    assert solve(*pictures).stats.weights[-1] > MIN_WEIGHT
+    assert solve(*pictures).stats.weights[-1] > QUARTILE
     assert simulated
 
 

@@ -90,13 +90,13 @@ def with_weight(name, weight, factor=1.0):
     return replace(ONE, name=name, weight=weight, alpha_factor=factor)
 
 
-def test_alternatives_are_sorted_by_evidence():
-    """exact: also where weights are 0."""
-    few = [with_weight("c", 0.0, 1.4), with_weight("a", 0.7), with_weight("d", 0.0, 0.5),
-           with_weight("b", 0.3)]  # fmt: skip
-    scores = np.array([900.0, 0.0, 2000.0, 0.8])
+def test_alternatives_are_sorted_by_weight():
+    """exact"""
+    few = [with_weight("c", 0.08, 1.4), with_weight("a", 0.7), with_weight("d", 0.02, 0.5),
+           with_weight("b", 0.2)]  # fmt: skip
+    weights = np.array([one.weight for one in few])
     for order in ([0, 1, 2, 3], [3, 2, 1, 0]):
-        found = listed([few[i] for i in order], scores[order])
+        found = listed([few[i] for i in order], weights[order])
         assert [one.name for one in found] == ["a", "b", "c", "d"]
 
 
@@ -106,13 +106,13 @@ def test_alternatives_of_no_weight_are_listed_if_they_disagree():
     agreeing = with_weight("agrees", little)
     scaled = with_weight("scaled", little, 1.3)
     elsewhere = replace(with_weight("elsewhere", little), alpha_difference=0.1)
-    found = listed([ONE, agreeing, scaled, elsewhere], np.arange(4.0))
+    found = listed([ONE, agreeing, scaled, elsewhere], np.array([1, little, little, little]))
     assert [one.name for one in found] == [ONE.name, "scaled", "elsewhere"]
 
 
 def test_at_most_five_alternatives_are_listed():
-    many = [with_weight(str(i), 0.1) for i in range(9)]
-    found = listed(many, np.arange(9.0))
+    weights = np.linspace(0.2, 0.1, 9)
+    found = listed([with_weight(str(i), 0.1) for i in range(9)], weights)
     assert [one.name for one in found] == [str(i) for i in range(MAX_ALTERNATIVES)]
 
 

@@ -1,8 +1,11 @@
-"""Average alpha of several hypotheses: Bayesian model averaging [Hoeting et al. 1999].
+"""Alpha of several weighted hypotheses: Bayesian model averaging [Hoeting et al. 1999].
 
-With weights w_k, alphas α_k and their variances V_k,
+With weights w_k, alphas α_k and their variances V_k, alpha of a pixel is the interquartile mean of the
+α_k: the mean of the half of the weight that is in the middle. Unlike a mean of all it does not follow
+hypotheses of small weight that are far from the others, and unlike a median it averages those that
+agree. Its error is the root mean square about it,
 
-    α = Σ w_k α_k,    Var α = Σ w_k (V_k + (α_k − α)²),
+    Var α = Σ w_k (V_k + (α_k − α)²),
 
 and the same for the sum of alpha over all pixels.
 
@@ -19,7 +22,8 @@ import numpy as np
 from blurmatte.checks import Array, Floats
 from blurmatte.statistics import UNIFORM_VARIANCE
 
-MIN_WEIGHT = 1e-3  # of an averaged hypothesis
+MIN_WEIGHT = 0.01  # of a hypothesis that may be right
+QUARTILE = 0.25  # of the weight at both ends, which the mean leaves out
 
 _UNKNOWN_STD = float(np.sqrt(UNIFORM_VARIANCE))  # of a fraction of which nothing is known
 _NODES = 24  # of the integrals over a fraction; normal densities there are wider than 0.14
@@ -38,32 +42,59 @@ class AlphaEstimate:
 
 
 def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimate:
-    """The average of hypotheses.
+    """The interquartile mean of hypotheses and its error.
 
-    At each pixel only those that know its alpha are averaged. Weights below `MIN_WEIGHT` count as 0.
+    At each pixel only those that know its alpha count. Weights below `MIN_WEIGHT` count as 0.
     The boxes are the same, and the weights sum to 1.
     """
-    alphas = np.stack([np.asarray(one.alpha, float) for one in estimates])
-    stds = np.stack([np.asarray(one.alpha_std, float) for one in estimates])
-    known = np.isfinite(alphas) & np.isfinite(stds)
-    weights = np.where(weights < MIN_WEIGHT, 0, weights)
-    weights = weights / weights.sum()
-    w = weights[:, None, None] * known
-    total = w.sum(axis=0)
-    w = w / np.where(total > 0, total, 1)
-    alphas, stds = np.where(known, alphas, 0), np.where(known, stds, 0)
-    alpha = (w * alphas).sum(axis=0)
+    w, alphas, stds = _known(estimates, weights)
+    alpha = np.asarray((_middle(alphas, w) * alphas).sum(axis=0))
     variance = (w * (stds**2 + (alphas - alpha) ** 2)).sum(axis=0)
     sums = alphas.sum(axis=(1, 2))
     scales = np.array([one.scale_std for one in estimates])
     own = np.array([one.sum_std for one in estimates])
-    of_sum = weights @ (own**2 + (sums - weights @ sums) ** 2)
+    weights = _counted(weights)
+    of_sum = weights @ (own**2 + (sums - alpha.sum()) ** 2)
     return AlphaEstimate(
         alpha,
-        np.where(total > 0, np.sqrt(variance), np.inf),
+        np.where(w.any(axis=0), np.sqrt(variance), np.inf),
         float(np.sqrt(of_sum)),
         float(np.sqrt(weights @ scales**2)),
     )
+
+
+def middle_weights(estimates: Sequence[AlphaEstimate], weights: Array) -> Array:
+    """(n, h, w) weights of each hypothesis in the interquartile mean of each pixel."""
+    w, alphas, _ = _known(estimates, weights)
+    return _middle(alphas, w)
+
+
+def _counted(weights: Array) -> Array:
+    """(n,) the weights that count; they sum to 1."""
+    weights = np.where(weights < MIN_WEIGHT, 0, weights)
+    return np.asarray(weights / weights.sum())
+
+
+def _known(estimates: Sequence[AlphaEstimate], weights: Array) -> tuple[Array, Array, Array]:
+    """(n, h, w) weights, which sum to 1 where any hypothesis knows alpha, alphas and their errors."""
+    alphas = np.stack([np.asarray(one.alpha, float) for one in estimates])
+    stds = np.stack([np.asarray(one.alpha_std, float) for one in estimates])
+    known = np.isfinite(alphas) & np.isfinite(stds)
+    w = _counted(weights)[:, None, None] * known
+    total = w.sum(axis=0)
+    w = w / np.where(total > 0, total, 1)
+    return w, np.where(known, alphas, 0), np.where(known, stds, 0)
+
+
+def _middle(values: Array, weights: Array) -> Array:
+    """(n, h, w) weights of the interquartile mean of (n, h, w); 0 where all weights are."""
+    order = np.argsort(values, axis=0, kind="stable")
+    upper = np.cumsum(np.take_along_axis(weights, order, axis=0), axis=0)
+    lower = np.concatenate([np.zeros_like(upper[:1]), upper[:-1]])
+    inside = np.maximum(np.minimum(upper, 1 - QUARTILE) - np.maximum(lower, QUARTILE), 0)
+    middle = np.empty_like(inside)
+    np.put_along_axis(middle, order, inside / (1 - 2 * QUARTILE), axis=0)
+    return np.asarray(middle)
 
 
 def as_fraction(alpha: Floats, alpha_std: Floats) -> tuple[Floats, Floats]:

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats
-from blurmatte.matting.averaging import AlphaEstimate, with_bounded_errors
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, with_bounded_errors
 from blurmatte.matting.maps import Grade
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
@@ -26,7 +26,6 @@ from blurmatte.sweep.sweep import Diagnostics
 # Largest error of alpha, root mean square over the streak, and largest relative error of its scale.
 GRADE_LIMITS = {Grade.CONFIRMED: (0.02, 0.03), Grade.PLAUSIBLE: (0.05, 0.1)}
 
-MIN_LIKELY_WEIGHT = 0.01  # of a hypothesis that may be right
 MAX_REASONS = 3  # stated
 
 
@@ -115,7 +114,7 @@ def reasons(terms: ErrorTerms, claim: float, weights: Array, compressed: bool) -
     true = {
         "file": compressed,
         "size": area_error > GRADE_LIMITS[Grade.CONFIRMED][1],
-        "disagreement": len(weights) > 1 and float(np.sort(weights)[-2]) >= MIN_LIKELY_WEIGHT,
+        "disagreement": len(weights) > 1 and float(np.sort(weights)[-2]) >= MIN_WEIGHT,
     }
     found = ["noise"] if claim > GRADE_LIMITS[Grade.CONFIRMED][0] else []
     found += [name for name in fitted_calibration().reasons(terms) if true.get(name, True)]

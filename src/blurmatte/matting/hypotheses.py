@@ -17,7 +17,14 @@ import numpy as np
 from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import MARGIN_PX
-from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, averaged, with_bounded_errors
+from blurmatte.matting.averaging import (
+    MIN_WEIGHT,
+    QUARTILE,
+    AlphaEstimate,
+    averaged,
+    middle_weights,
+    with_bounded_errors,
+)
 from blurmatte.matting.calibration import (
     GRADE_LIMITS,
     MIN_ALPHA,
@@ -41,6 +48,7 @@ from blurmatte.matting.summary import Alternative, listed, streak_sums
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import dilated
+from blurmatte.sweep.assess.calibration import OddsTerms
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     hypothesis_probabilities,
@@ -92,7 +100,9 @@ class WeightedHypotheses:
         can = iter(possible)
         shapes = [one if next(can) else one.made_impossible for one in shapes]
         shapeless = [one if next(can) else one.made_impossible for one in shapeless]
-        weights = hypothesis_probabilities([one.evidence for one in (*shapes, *shapeless)])
+        weights = np.zeros(len(possible))
+        evidence = [one.evidence for one in (*shapes, *shapeless)]
+        weights[possible] = hypothesis_probabilities(list(compress(evidence, possible)))
         patterned = None if known.patterned is None else OnPath.of(*known.patterned)
         return cls(shapes, shapeless, possible, weights, box, estimates, patterned)
 
@@ -199,7 +209,7 @@ class WeightedHypotheses:
             for one, weight, estimate in zip(self.all, self.weights, self.estimates, strict=True)
             if one.has_shape or not gray
         ]
-        return listed(found, self.scores[: len(found)])
+        return listed(found, self.weights[: len(found)])
 
 
 def shape_log_odds(case: Case) -> tuple[float, float]:
@@ -339,11 +349,10 @@ def _enlarged(
     """
     small, shapes = found.box, found.shapes
     box = size.enlarged_box(small)
-    weights = np.where(found.weights < MIN_WEIGHT, 0, found.weights)
-    of_shapes = (weights / weights.sum())[: len(shapes)]
     known = np.isfinite(average.alpha_std)
+    weights = middle_weights(found.estimates, found.weights)
     rest = np.where(known, average.alpha, 0)
-    for weight, estimate in zip(of_shapes, found.estimates, strict=False):
+    for weight, estimate in zip(weights[: len(shapes)], found.estimates, strict=False):
         rest = rest - weight * np.where(known, estimate.alpha, 0)
     alpha = size.interpolated(rest, small)
     std = size.interpolated(np.where(known, average.alpha_std, 0), small)
@@ -353,9 +362,9 @@ def _enlarged(
     shapeless = [one.enlarged(size) for one in found.shapeless]
     patterned = None if found.patterned is None else found.patterned.enlarged(size)
     sweeps = [one.sweep for one in shapes]
-    for weight, sweep in zip(of_shapes, sweeps, strict=True):
-        if weight > 0:
-            alpha += weight * sweep.alpha_within(box)
+    for weight, sweep in zip(weights[: len(shapes)], sweeps, strict=True):
+        if weight.any():
+            alpha += size.interpolated(weight, small) * sweep.alpha_within(box)
     alpha[np.abs(alpha) < ROUNDING_OF_ALPHA] = 0
     std[~size.repeated(known, small)] = np.inf
     around, box = box, case.box_with(sweeps)
@@ -398,7 +407,7 @@ def _shapeless(case: Case, rivals: Sequence[Evidence]) -> Shapeless:
     """Alpha by `Smooth` with the colors of the case.
 
     rivals: evidence of the shapes that are possible. The error of alpha is simulated only if alpha can
-    have a weight against them, with any of `_ERROR_FACTORS`: else it is that of the posterior, for
+    enter the mean against them, with any of `_ERROR_FACTORS`: else it is that of the posterior, for
     simulations take most of the time of `Smooth`. The posterior of alpha from texture alone, of a
     model of rank 3, does not have the error by the object's own texture.
     """
@@ -406,26 +415,36 @@ def _shapeless(case: Case, rivals: Sequence[Evidence]) -> Shapeless:
     fit = solver.fitted(case)
     if rivals and case.model.rank < 3:
         quick = solver.answer_with(case, fit, posterior_variance(fit), np.inf)
-        if not _may_have_weight(case, quick, rivals):
+        if not _may_enter_mean(case, quick, rivals):
             return _shapeless_of(case, quick)
     return _shapeless_of(case, solver.answer_with(case, fit, *solver.simulated_error(fit)))
 
 
-def _may_have_weight(case: Case, answer: Answer, rivals: Sequence[Evidence]) -> bool:
-    """Whether alpha without a shape could count against rivals, if its error had another size."""
+def _may_enter_mean(case: Case, answer: Answer, rivals: Sequence[Evidence]) -> bool:
+    """Whether alpha without a shape could enter the mean, if its error had another size."""
     assert case.hypotheses is not None
     alpha, std = _known_alpha(case, answer.maps)[:2]
     trials = [case.hypotheses.evidence_of(alpha, factor * std) for factor in _ERROR_FACTORS]
-    return any(hypothesis_probabilities([*rivals, one])[-1] >= MIN_WEIGHT for one in trials)
+    losses = [one.unseen for one in rivals if one.unseen is not None]
+    best = min(losses, default=None)  # of its own loss nothing is known
+    trials = [replace(one, unseen=best, kind=_kind(case.model)) for one in trials]
+    return any(hypothesis_probabilities([*rivals, one])[-1] >= QUARTILE for one in trials)
 
 
 def _shapeless_of(case: Case, answer: Answer) -> Shapeless:
     """An answer of `Smooth` with its evidence."""
     assert case.hypotheses is not None
     alpha, std, scale_std = _known_alpha(case, answer.maps)
-    evidence, box = case.hypotheses.evidence_of(alpha, std), case.grown_streak.around(MARGIN_PX)
+    known, box = case.hypotheses, case.grown_streak.around(MARGIN_PX)
+    unseen = known.unseen_loss(alpha, std)
+    evidence = replace(known.evidence_of(alpha, std), unseen=unseen, kind=_kind(case.model))
     near, sum_std = answer.maps.within(box).copied, answer.stats.sum_alpha_std or 0.0
     return Shapeless(evidence, case.model, near, box, sum_std, scale_std)
+
+
+def _kind(colors: ColorModel) -> OddsTerms:
+    """Of alpha without a shape."""
+    return OddsTerms(varied=float(colors.rank > 1), shapeless=1.0)
 
 
 def _known_alpha(case: Case, maps: PixelMaps) -> tuple[Array, Array, float]:

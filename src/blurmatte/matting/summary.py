@@ -189,12 +189,12 @@ class Alternative:
         return self.alpha_difference > error or abs(self.alpha_factor - 1) > scale
 
 
-def listed(alternatives: Sequence[Alternative], scores: Array) -> list[Alternative]:
-    """Alternatives that matter or disagree with the result, in order of likelihood.
+def listed(alternatives: Sequence[Alternative], weights: Array) -> list[Alternative]:
+    """Alternatives that matter or disagree with the result, in order of their weights (n,).
 
-    scores (n,): negative log of their weights, up to a constant. The likeliest is the result's own.
+    The likeliest is the result's own.
     """
-    own, *others = np.argsort(scores, kind="stable")
+    own, *others = np.argsort(-weights, kind="stable")
     kept = [alternatives[own]]
     for one in (alternatives[i] for i in others):
         if one.matters or one.disagrees:

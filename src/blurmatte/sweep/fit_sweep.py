@@ -29,8 +29,10 @@ from blurmatte.sweep.assess.model_selection import (
     Evidence,
     Hypotheses,
     evidence_of,
+    hypothesis_probabilities,
     hypothesis_scores,
     hypothesis_weights,
+    with_odds,
 )
 from blurmatte.sweep.assess.opacity import Opacity, fit_opacity, is_at_rest
 from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
@@ -488,8 +490,14 @@ class _Candidates:
             )
         ]
         order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
-        kept = _distinct([(*compared[i], self.candidates[i]) for i in order])
-        sweeps, evidences, fitted = zip(*kept, strict=True)
+        distinct = _distinct([(*compared[i], self.candidates[i]) for i in order])
+        kept = [
+            (sweep, with_odds(known, search.observation, sweep, one.covariance is not None), one)
+            for sweep, known, one in distinct
+        ]
+        probable = hypothesis_probabilities([known for _, known, _ in kept])
+        order = np.argsort(-probable, kind="stable")
+        sweeps, evidences, fitted = zip(*(kept[i] for i in order), strict=True)
         if image.meta.transfer_assumed:
             sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
         plate, streak = self.fits.plate, self.fits.streak

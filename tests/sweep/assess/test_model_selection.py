@@ -16,12 +16,16 @@ from tests.sweep.scenes import (
     within,
 )
 
+from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     evidence_of,
+    hypothesis_probabilities,
     hypothesis_scores,
     hypothesis_weights,
     in_observation,
+    odds_terms,
+    unseen_loss,
 )
 from blurmatte.sweep.model.path import ARC, LINE
 
@@ -87,6 +91,55 @@ def test_correlated_residuals_make_weights_more_even():
         for v in (1, 4)
     )
     assert sure[0] > unsure[0] > 0.5
+
+
+def test_probabilities_are_those_of_the_calibrated_odds():
+    """exact"""
+    pair = [Evidence(100.0, 2.0, 5, 1000, 50.0), Evidence(160.0, 2.0, 5, 1000, 80.0)]
+    pair[1] = replace(pair[1], kind=OddsTerms(growing=1.0))
+    c = fitted_calibration().odds
+    a, b = hypothesis_probabilities(pair)
+    against = c["seen"] * np.log1p(30 / 30) + c["unseen"] * np.log1p(30 / 30) + c["growing"]
+    assert_allclose((a + b, np.log(a / b)), (1, against), rtol=1e-9)
+
+
+def test_smaller_misfit_of_the_likeliest_makes_probabilities_less_even():
+    """invariant: where it explains the light, any difference of evidence counts more."""
+    sure, unsure = (
+        hypothesis_probabilities(
+            [Evidence(100.0, v, 5, 4000), Evidence(100.0 + 20 * v, v, 5, 4000)]
+        )
+        for v in (1.1, 3.0)
+    )
+    assert sure[0] > unsure[0] > 0.5
+
+
+def test_unseen_pixels_do_not_count_if_a_loss_is_unknown():
+    """exact"""
+    one, other = Evidence(100.0, 2.0, 5, 1000, 50.0), Evidence(100.0, 2.0, 5, 1000, None)
+    assert [terms.unseen for terms in odds_terms([one, other])] == [0, 0]
+
+
+def test_the_true_alpha_predicts_unseen_pixels_best():
+    """honest: against a disc that is smaller, larger, or elsewhere."""
+    observation, alpha = alpha_of(BEFORE_TILES[LINE])
+    nothing = np.zeros_like(alpha)
+    true = unseen_loss(observation, alpha, nothing)
+    for offset, radius in (((0, 0), 9.0), ((0, 0), 13.0), ((3.0, 2.0), 11.0)):
+        wrong = disc_at(observation, LINE, offset, radius).swept.alpha
+        assert unseen_loss(observation, wrong, nothing) > true
+
+
+def test_varied_colors_predict_unseen_pixels_of_one_paint_no_better():
+    """invariant"""
+    observation, alpha = alpha_of(FLAT_BEFORE_TILES[LINE])
+    nothing, varied = np.zeros_like(alpha), replace(observation.color, varied=3)
+    costs = [
+        (evidence_of(one, alpha, nothing).cost, unseen_loss(one, alpha, nothing))
+        for one in (observation.of_one_paint, replace(observation, color=varied))
+    ]
+    # Colors that vary explain more of the noise, and predict no more of it.
+    assert costs[1][1] > costs[0][1] - 1
 
 
 @pytest.mark.diagonal

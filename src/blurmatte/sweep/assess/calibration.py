@@ -15,6 +15,9 @@ Those pictures were solved without a given color, and the errors of some are tho
 fitted. Where the color is given exactly, s' is multiplied by a smaller factor. Errors of a single
 solver are multiplied by a factor for each class of files. These factors are conformal too
 (benchmarks/given_color.py).
+
+The odds that a hypothesis has the alpha nearest to the truth are exp(−Σ_j c_j t_j) with the terms of
+`OddsTerms`, fitted to the same pictures by conditional logistic regression [McFadden 1974].
 """
 
 import json
@@ -59,6 +62,19 @@ class ErrorTerms:
             raise ValueError(f"terms must be 0 or more, got {wrong[0]} = {getattr(self, wrong[0])}")
 
 
+@dataclass(frozen=True)
+class OddsTerms:
+    """What counts against a hypothesis, compared with others about one picture."""
+
+    seen: float = 0.0  # log(1 + s/s₀) of the difference s of scores from the likeliest, nats
+    unseen: float = 0.0  # the same of the loss of pixels to which its colors were not fitted
+    varied: float = 0.0  # 1 if its colors vary
+    curved: float = 0.0  # number of parameters of its path, those of a line apart
+    growing: float = 0.0  # 1 if it is a disc that grows
+    outline: float = 0.0  # 1 if its shape is no disc
+    shapeless: float = 0.0  # 1 if it has no shape
+
+
 # Subject of each term, a key of `explain.grade`; None if it corrects the claim without a cause.
 REASONS = {
     "shapeless": "shape",
@@ -85,6 +101,7 @@ class ErrorCalibration:
     coefficients: Mapping[str, float]  # c of each of the `ErrorTerms`, 0 or more
     class_factors: Mapping[str, float]  # by which the errors of a class of files are multiplied
     provenance: str = ""  # data of the fit
+    odds: Mapping[str, float] = field(default_factory=dict)  # c of each of the `OddsTerms`
     exact_color: float = 1.0  # by which errors are multiplied if the color is given exactly
     # By which those of a solver are multiplied: its name and "given" or "fitted" color; class of file
     solver_factors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
@@ -94,6 +111,11 @@ class ErrorCalibration:
         exponent = self.intercept + sum(self._parts(terms).values())
         by_color = self.exact_color if exact_color else 1.0
         return float(by_color * self.class_factors[file_class] * np.exp(exponent))
+
+    def log_odds_against(self, terms: OddsTerms) -> float:
+        """Negative log odds of a hypothesis."""
+        parts = (self.odds[name] * value for name, value in asdict(terms).items())
+        return float(sum(parts))
 
     def solver_factor(self, solver: str, file_class: str, exact_color: bool) -> float:
         """Factor of the claimed error of a solver, without comparing it with other hypotheses."""

@@ -10,10 +10,18 @@ so that a hypothesis with an error larger than claimed is unlikely, and a large 
 Costs are divided by the variance inflation of the likeliest, for residuals are correlated, and every
 fitted parameter costs half a log of the number of pixels.
 
-These weights say which hypothesis predicts the observation best. No hypothesis is complete: shading,
+These weights say which hypothesis explains the observation best. No hypothesis is complete: shading,
 bounced light and the file leave misfits that say nothing about alpha, and that many pixels share. So
-the probability that a hypothesis has the alpha nearest to the truth is a power of its weight, as in the
-posteriors of wrong models [Grünwald & van Ommen 2017].
+evidence counts by a power η, as in the posteriors of wrong models [Grünwald & van Ommen 2017]. The
+power is not known; if it has a gamma distribution, odds fall with the difference s of two scores as
+
+    ∫ exp(−η s) p(η) dη = (1 + s / s₀)^−c.
+
+The scale s₀ is in proportion to the misfit that the likeliest hypothesis leaves, its variance inflation
+above 1. In the same way odds fall with the loss of blocks of pixels to which the colors were not
+fitted: a shape that explains noise or shadows by colors of its own predicts them badly. The exponents
+c, and the odds of kinds of hypotheses before any comparison, are calibrated (`calibration`): the
+probability of a hypothesis is how often its alpha was the nearest to the truth of rendered pictures.
 """
 
 from dataclasses import dataclass, replace
@@ -25,8 +33,10 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import block_squares
 from blurmatte.streaks import Streak
-from blurmatte.sweep.model.color_field import fit_field
+from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
+from blurmatte.sweep.model.color_field import ColorField, Light, fit_field
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixel_box import means
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep
@@ -35,9 +45,13 @@ from blurmatte.sweep.sweep import Sweep
 # fitted to the noise of the same pixels; calibrated on rendered scenes.
 OPTIMISM = 0.3
 
-# Power of the weights that makes them probabilities: with it the mean probability of the likeliest is
-# the fraction of pictures of two renderers in which its alpha is the nearest to the truth.
-_POWER = 0.02
+_ODDS_SCALE = 30.0  # s₀, nats, where the variance inflation is 2
+_MIN_MISFIT = 0.02  # of the variance inflation above 1, which a fit to noise has as well
+_BLOCK_PX = 8  # width of a block of unseen pixels: the node of a color is at most half of it away
+# Blocks of four kinds alternate in rows and columns. Colors that are fitted to three kinds predict the
+# fourth.
+_KINDS_OF_BLOCKS = 4
+_NO_TERMS = OddsTerms()
 
 
 @dataclass(frozen=True)
@@ -48,6 +62,9 @@ class Evidence:
     inflation: float  # of the variance of block sums of its residuals, 1 or more
     parameters: int  # that were fitted, colors apart
     pixels: float  # of the observation
+    # Loss of blocks of pixels to which the colors were not fitted; None if that is not known
+    unseen: float | None = None
+    kind: OddsTerms = _NO_TERMS
 
 
 def evidence_of(
@@ -60,30 +77,72 @@ def evidence_of(
         a shape, whose error is in its parameters.
     parameters: number of those that were fitted, colors apart.
     """
-    weight = observation.weight
-    if observation.light_alone:
-        alpha = alpha / max(float(alpha.max()), 1e-12)
-    alpha = np.where(alpha > 0.002, np.clip(alpha, 0, 1), 0)  # less is noise of alpha
-    observation = observation.along_colors(alpha)
-    C, B, V_C, V_B = observation.light
-    field, _ = fit_field((C, B, V_C, V_B), alpha, weight, observation.pitch, observation.color)
-    by_alpha = (field.mean - B) ** 2
-    V_C = np.ascontiguousarray(V_C + (alpha_std**2)[..., None] * by_alpha)
-    light = C, B, V_C, V_B
-    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
-    chi2 = (e**2).sum(axis=0)
-    noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, VARIANCE_FLOOR)
-    added = (alpha_std**2)[..., None] * by_alpha / noise
-    normalization = 0.5 * np.log1p(added).sum(axis=-1)
-    cost = float((weight * (loss(chi2, observation.channels) + normalization)).sum()) + field.cost
-    limited = np.moveaxis(e * np.sqrt(student_weight(chi2, observation.channels)), 0, -1)
-    inside = (alpha > 0) & observation.valid
+    compared = _Compared.of(observation, alpha, alpha_std)
+    observation = compared.observation
+    field, e = compared.fitted(observation.weight)
+    cost = float((observation.weight * compared.loss(e)).sum()) + field.cost
+    chi2, channels = (e**2).sum(axis=0), observation.channels
+    limited = np.moveaxis(e * np.sqrt(student_weight(chi2, channels)), 0, -1)
+    inside = (compared.alpha > 0) & observation.valid
     correlated = (block_squares(limited, inside, size) for size in BlockStatistics.sizes_px)
-    channels = observation.channels
     squares = (float(s.sum(axis=1).mean()) / channels for s in correlated if len(s))
     inflation = max(1.0, *squares, 1.0)
     cost += OPTIMISM * float(np.count_nonzero(alpha_std))
-    return Evidence(cost, inflation, parameters, float(weight.sum()))
+    return Evidence(cost, inflation, parameters, float(observation.weight.sum()))
+
+
+def unseen_loss(observation: Observation, alpha: Array, alpha_std: Array) -> float:
+    """The loss of blocks of pixels, with colors that were fitted to other blocks.
+
+    The parameters are those of `evidence_of`.
+    """
+    compared = _Compared.of(observation, alpha, alpha_std)
+    weight = observation.weight
+    row, column = (np.arange(n) // _BLOCK_PX % 2 for n in weight.shape)
+    kind, total = 2 * row[:, None] + column, 0.0
+    for k in range(_KINDS_OF_BLOCKS):
+        seen = np.where(kind == k, 0, weight)
+        if not (seen * compared.alpha).any():
+            seen = weight  # no other block shows the object
+        e = compared.fitted(seen)[1]
+        total += float((weight * compared.loss(e))[kind == k].sum())
+    return total
+
+
+@dataclass(frozen=True, eq=False)
+class _Compared:
+    """An alpha and the light in which it is compared with others."""
+
+    observation: Observation  # along the axes of the object's colors
+    alpha: Array  # (h, w)
+    light: Light  # image, plate, and the variances of both; the first with that by alpha's error
+    normalization: Array  # (h, w) nats: of the loss, for a variance that alpha's error increases
+
+    @classmethod
+    def of(cls, observation: Observation, alpha: Array, alpha_std: Array) -> "_Compared":
+        """The parameters are those of `evidence_of`."""
+        if observation.light_alone:
+            alpha = alpha / max(float(alpha.max()), 1e-12)
+        alpha = np.where(alpha > 0.002, np.clip(alpha, 0, 1), 0)  # less is noise of alpha
+        observation = observation.along_colors(alpha)
+        C, B, V_C, V_B = observation.light
+        first = cls(observation, alpha, (C, B, V_C, V_B), np.zeros(alpha.shape))
+        if not alpha_std.any():
+            return first
+        by_alpha = (first.fitted(observation.weight)[0].mean - B) ** 2
+        noise = np.maximum(V_C + (1 - alpha)[..., None] ** 2 * V_B, VARIANCE_FLOOR)
+        added = (alpha_std**2)[..., None] * by_alpha
+        light = C, B, np.ascontiguousarray(V_C + added), V_B
+        return cls(observation, alpha, light, 0.5 * np.log1p(added / noise).sum(axis=-1))
+
+    def fitted(self, weight: Array) -> tuple[ColorField, Array]:
+        """Colors that are fitted to pixels of this weight (h, w), and residuals (3, h, w) of all."""
+        observation = self.observation
+        return fit_field(self.light, self.alpha, weight, observation.pitch, observation.color)
+
+    def loss(self, e: Array) -> Array:
+        """(h, w) nats of residuals (3, h, w)."""
+        return loss((e**2).sum(axis=0), self.observation.channels) + self.normalization
 
 
 def hypothesis_weights(evidence: list[Evidence]) -> Array:
@@ -97,8 +156,26 @@ def hypothesis_weights(evidence: list[Evidence]) -> Array:
 
 def hypothesis_probabilities(evidence: list[Evidence]) -> Array:
     """(n,) probabilities that the alpha of a hypothesis is the nearest to the truth; they sum to 1."""
-    weights = np.exp(-_POWER * hypothesis_scores(evidence))
+    against = fitted_calibration().log_odds_against
+    log_odds = -np.array([against(terms) for terms in odds_terms(evidence)])
+    weights = np.exp(log_odds - log_odds.max())
     return np.asarray(weights / weights.sum())
+
+
+def odds_terms(evidence: list[Evidence]) -> list[OddsTerms]:
+    """What counts against each hypothesis."""
+    scores, losses = hypothesis_scores(evidence), [one.unseen for one in evidence]
+    known = [loss for loss in losses if loss is not None]
+    unseen = np.zeros(len(losses))
+    if len(known) == len(losses):
+        unseen = np.array(known) - min(known)
+    misfit = evidence[int(np.argmin(scores))].inflation - 1
+    scale = _ODDS_SCALE * max(misfit, _MIN_MISFIT)
+    logs = np.log1p(np.stack([scores, unseen], axis=1) / scale).tolist()
+    return [
+        replace(one.kind, seen=seen, unseen=unseen)
+        for one, (seen, unseen) in zip(evidence, logs, strict=True)
+    ]
 
 
 def hypothesis_scores(evidence: list[Evidence]) -> Array:
@@ -112,6 +189,37 @@ def hypothesis_scores(evidence: list[Evidence]) -> Array:
         ]
     )
     return np.asarray(scores - scores.min())
+
+
+def with_odds(
+    evidence: Evidence, observation: Observation, sweep: Sweep, has_pattern: bool
+) -> Evidence:
+    """Evidence for a sweep with its kind, and how its colors predict unseen pixels.
+
+    That is not known of a pattern.
+    """
+    shape = sweep.silhouette
+    kind = OddsTerms(
+        varied=float(sweep.model.rank > 1),
+        curved=float(len(sweep.path) - LINE.size),
+        growing=float(shape.is_disc and shape.has("rates")),
+        outline=float(not shape.is_disc),
+    )
+    unseen = None
+    if not has_pattern:
+        observation, alpha = _seen_with(observation, sweep)
+        unseen = unseen_loss(observation, alpha, np.zeros_like(alpha))
+    return replace(evidence, unseen=unseen, kind=kind)
+
+
+def _seen_with(observation: Observation, sweep: Sweep) -> tuple[Observation, Array]:
+    """An observation with the plate in the shadow of a sweep, and the alpha of that in it."""
+    alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, observation.pixels).alpha
+    if sweep.cast is None:
+        return observation, alpha
+    radius = float(sweep.shape[0])
+    S = sweep.cast.missing(sweep.family, sweep.path, radius, observation.pixels)
+    return replace(observation, B=sweep.cast.on(observation.B, S, alpha)), alpha
 
 
 def in_observation(values: Array, observation: Observation) -> Array:
@@ -147,25 +255,20 @@ class Hypotheses:
 
     def best_evidence(self, observation: Observation) -> Evidence:
         """The evidence for the likeliest in another observation."""
-        sweep, alpha = self.best, self._best_alpha(observation)
-        pixels, radius = observation.pixels, float(sweep.shape[0])
-        if sweep.cast is not None:
-            S = sweep.cast.missing(sweep.family, sweep.path, radius, pixels)
-            observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
+        observation, alpha = _seen_with(observation, self.best)
         return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
 
     def outside_of_best(self, observation: Observation) -> Observation:
         """An observation with no weight where the likeliest has the object."""
-        outside = self._best_alpha(observation) == 0
+        outside = _seen_with(observation, self.best)[1] == 0
         return replace(observation, weight=np.where(outside, observation.weight, 0))
-
-    def _best_alpha(self, observation: Observation) -> Array:
-        """Alpha of the likeliest in an observation."""
-        sweep, pixels = self.best, observation.pixels
-        return sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, pixels).alpha
 
     def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
         """The evidence for an alpha (H, W) of the whole picture that has no shape."""
-        observation = self.observation
-        alpha, alpha_std = (in_observation(x, observation) for x in (alpha, alpha_std))
-        return evidence_of(observation, alpha, alpha_std)
+        alpha, alpha_std = (in_observation(x, self.observation) for x in (alpha, alpha_std))
+        return evidence_of(self.observation, alpha, alpha_std)
+
+    def unseen_loss(self, alpha: Array, alpha_std: Array) -> float:
+        """As the function of that name, of an alpha (H, W) of the whole picture."""
+        alpha, alpha_std = (in_observation(x, self.observation) for x in (alpha, alpha_std))
+        return unseen_loss(self.observation, alpha, alpha_std)
