@@ -2,6 +2,7 @@ import weakref
 
 import numpy as np
 import pytest
+import scipy
 from numpy.testing import assert_allclose
 
 from blurmatte.background.plate import make_plate
@@ -256,6 +257,18 @@ def test_cut_is_named_and_pan_is_not_one():
     cut = [*frames[:4], *(noisy(other, 0.003, i) for i in range(4))]
     with pytest.raises(PlateError, match="the scene is cut between frame 3 and frame 4"):
         make_plate(images(cut))
+
+
+@pytest.mark.parametrize("faint", [0.01, 0.03])
+def test_lamp_that_moves_before_a_dark_sky_is_neither_a_cut_nor_a_motion_of_the_camera(faint):
+    # invariant: its light is no measure of what is bright in the scene, and its way not of a shift
+    rng = np.random.default_rng(0)
+    stars = np.where(rng.random((270, 480, 1)) < 0.01, faint, 0)
+    sky = (0.005 + scipy.ndimage.gaussian_filter(stars, (0.8, 0.8, 0))).astype(np.float32)
+    frames = [noisy(sky.repeat(3, axis=2), 0.002, i) for i in range(8)]
+    for i, frame in enumerate(frames):
+        frame[118:126, 40 * i + 20 : 40 * i + 60] += 0.9
+    assert make_plate(images(frames)).camera is None
 
 
 def test_frames_of_a_moving_camera_that_come_but_once_are_refused():

@@ -21,6 +21,7 @@ from blurmatte.statistics import MAD_TO_STD, cell_means
 # Frames and tiles that are compared, and the shift that is tolerated.
 _FRAMES = 5
 _TILES = 3  # per side
+_MIN_TILES = 3  # that must agree with the shift of the whole; an object between tiles is in two
 _MIN_TILE_PX = 64
 _MAX_TILE_PX = 256
 _MIN_OVERLAP_PX = 16  # of a shifted tile
@@ -80,12 +81,30 @@ def gray_variance(frame: LinearImage) -> float:
 def _moved(a: Floats, b: Floats, variance: float) -> float:
     """Shift between two pictures, pixels; 0 if it is tolerable."""
     whole, cell = shift_between(a, b, variance)
-    if whole is not None and max(map(abs, whole)) > cell:  # too far for tiles
+    too_far = whole is not None and max(map(abs, whole)) > cell  # for tiles
+    if whole is not None and too_far and _is_seen_in_tiles(a, b, whole, variance):
         return float(np.hypot(*whole))
     shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
     lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
     moved = [length for length in lengths if length > _MAX_SHIFT_PX]
     return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
+
+
+def _is_seen_in_tiles(a: Floats, b: Floats, whole: tuple[float, float], variance: float) -> bool:
+    """Whether half of the tiles that determine a shift agree better with that of the whole.
+
+    An object may determine the shift of the whole; it is in few tiles.
+    """
+    a, b = _smooth(a), _smooth(b)
+    there, moved = _overlap(a, b, *map(round, whole))
+    x, y = (max(0, -round(shift)) for shift in whole)
+    still = b[y : y + there.shape[0], x : x + there.shape[1]]
+    better = [
+        _difference(moved[tile] - there[tile]) < _difference(still[tile] - there[tile])
+        for tile in _tiles(there.shape)
+        if np.isfinite(_subpixel_shift(there[tile], there[tile], variance)[2])
+    ]
+    return not better or sum(better) >= max(_MIN_TILES, len(better) / 2)
 
 
 def shift_between(a: Floats, b: Floats, variance: float) -> tuple[tuple[float, float] | None, int]:
