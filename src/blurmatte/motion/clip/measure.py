@@ -33,7 +33,11 @@ from blurmatte.motion.clip.matched_filter import (
 )
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
-from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
+from blurmatte.motion.picture.measure import (
+    motion_of_added_light,
+    motion_of_alpha,
+    motion_of_sweep,
+)
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, coded_frames, each_coded
@@ -45,6 +49,7 @@ from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
+_MIN_KNOWN_FRACTION = 0.5  # of a streak's pixels, whose alpha the moments are of
 _NO_COLOR = (
     "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
     "hidden"
@@ -285,7 +290,10 @@ def _measured(
 def _motion_of_pixels(
     image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
 ) -> tuple[Motion, ColorModel]:
-    """Motion from the moments of alpha around a streak, in the whole picture; the colors seen."""
+    """Motion from the moments of alpha around a streak, in the whole picture; the colors seen.
+
+    From those of the added light if alpha is not determined in most of the streak.
+    """
     x0, y0, x1, y1 = box = streak.around(_MARGIN)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BlurmatteWarning)
@@ -297,7 +305,14 @@ def _motion_of_pixels(
             streak=Streak(streak.mask[y0:y1, x0:x1]),
             matching=Matching.NONE,
         )
-    motion = motion_of_alpha(solution).shifted(x0, y0)
+    known = np.mean(solution.known[solution.streak])
+    if model.rank == 1 and known < _MIN_KNOWN_FRACTION:
+        motion = motion_of_added_light(
+            image.crop(box), plate.crop(box), solution.streak, model.basis[:, 0]
+        )
+    else:
+        motion = motion_of_alpha(solution)
+    motion = motion.shifted(x0, y0)
     doubts = motion.doubts + tuple(str(warning.message) for warning in caught)
     motion = replace(motion, size=image.size, doubts=doubts)
     return motion, solution.model

@@ -30,6 +30,7 @@ from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
 from blurmatte.motion.picture.motion import QUANTITIES, Motion
+from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import UNIFORM_VARIANCE
 from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.sweep.model.shape import OUTLINE_POINTS
@@ -191,11 +192,65 @@ def motion_of_alpha(solution: Solution) -> Motion:
     Raises MotionError if the sum of alpha is not above its error.
     """
     use = solution.streak & solution.known
-    parameters, covariance = _moments(solution, use)
+    parameters, covariance = _moments_of_alpha(solution, use)
+    motion = replace(
+        _straight_motion(parameters, covariance, solution.size),
+        at_border=_touches_border(solution, use),
+        exposure_time=solution.stats.exposure_time,
+        readout=solution.stats.readout,
+    )
+    return replace(motion, doubts=tuple(_doubts_of_moments(solution, use, motion)))
+
+
+def motion_of_added_light(
+    image: LinearImage, plate: LinearImage, streak: Bools, color: Array
+) -> Motion:
+    """Motion from sum, mean and covariance of the light that an object adds to the plate.
+
+    For an object whose alpha nothing determines, such as a lamp before a dark sky. The added light
+    α (k − B) is a multiple of alpha where light k and plate B are even. Its factor is open, so that the
+    radius is that of a disc as wide as the streak is across.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Noise known.
+    streak : (H, W) bool
+    color : (3,) float
+        Of the object's light, a unit vector.
+
+    Raises
+    ------
+    MotionError
+        If the sum of the light is not above its error.
+    """
+    use = streak & image.valid & plate.valid
+    added = (image.rgb[use].astype(float) - plate.rgb[use]) @ color
+    variance = (image.variance[use].astype(float) + plate.variance[use]) @ color**2
+    moments, covariance = _moments(use, added, variance, "the added light sums to {}")
+    values, covariance = propagated(_with_area_of_width, moments, covariance)
+    motion = _straight_motion(values, covariance, image.size)
+    border = np.ones(use.shape, bool)
+    border[1:-1, 1:-1] = False
+    rim = border[use]
+    return replace(
+        motion,
+        at_border=bool(added[rim].sum() > _MIN_SUM_STD * np.sqrt(variance[rim].sum())),
+        exposure_time=image.meta.exposure_time,
+        readout=image.meta.readout,
+        doubts=(
+            "Alpha is not determined, for the plate is dark or has the object's color: place, length "
+            "and width are those of the added light, right if light and plate are even.",
+        ),
+    )
+
+
+def _straight_motion(parameters: Array, covariance: Array, size: tuple[int, int]) -> Motion:
+    """The straight motion of area, mean and variances."""
     values, covariance = propagated(_quantities_of_moments, parameters, covariance, slice(2, 3))
     center, angle, length = values[:2], values[2], values[3]
     half = length / 2 * np.array([np.cos(angle), np.sin(angle)])
-    motion = Motion(
+    return Motion(
         trajectory=Trajectory.line(center - half, center + half),
         values=values,
         covariance=covariance,
@@ -204,12 +259,9 @@ def motion_of_alpha(solution: Solution) -> Motion:
         source="moments",
         path="line",
         silhouette="",
-        size=solution.size,
-        at_border=_touches_border(solution, use),
-        exposure_time=solution.stats.exposure_time,
-        readout=solution.stats.readout,
+        size=size,
+        at_border=False,
     )
-    return replace(motion, doubts=tuple(_doubts_of_moments(solution, use, motion)))
 
 
 def variance_inflation(solution: Solution) -> float:
@@ -220,35 +272,58 @@ def variance_inflation(solution: Solution) -> float:
     return max(float(correlated / independent), 1.0) if independent > 0 else 1.0
 
 
-def _moments(solution: Solution, use: Bools) -> tuple[Array, Array]:
+def _moments_of_alpha(solution: Solution, use: Bools) -> tuple[Array, Array]:
     """(6,) area, mean x and y, variances xx, xy, yy; and their covariance (6, 6)."""
-    y, x = np.nonzero(use)
     alpha = np.asarray(solution.alpha[use], float)
     variance = variance_inflation(solution) * np.asarray(solution.alpha_std[use], float) ** 2
-    total, scale = float(alpha.sum()), solution.stats.alpha_scale_std or 0.0
+    scale = solution.stats.alpha_scale_std or 0.0
+    return _moments(use, alpha, variance, "alpha sums to {} pixels", scale)
+
+
+def _moments(
+    use: Bools, weight: Array, variance: Array, sums_to: str, scale: float = 0.0
+) -> tuple[Array, Array]:
+    """(6,) sum, mean x and y, variances xx, xy, yy of weights (n,) in pixels; their covariance.
+
+    variance (n,): of the weights; they share a factor of the relative standard deviation `scale`.
+    """
+    y, x = np.nonzero(use)
+    total = float(weight.sum())
     std = float(np.hypot(np.sqrt(variance.sum()), total * scale))
     if not total > _MIN_SUM_STD * std:
         raise MotionError(
-            f"alpha sums to {total:.1f} ± {std:.1f} pixels, which is not above its error: no motion "
+            f"{sums_to.format(f'{total:.1f} ± {std:.1f}')}, which is not above its error: no motion "
             "can be measured; choose the object with a region, or give its color, and solve again"
         )
-    dx, dy = x - alpha @ x / total, y - alpha @ y / total
+    dx, dy = x - weight @ x / total, y - weight @ y / total
     seconds = np.stack([dx * dx, dx * dy, dy * dy])
-    moments = seconds @ alpha / total
-    by_alpha = np.stack([np.ones(len(x)), dx / total, dy / total])
-    by_alpha = np.concatenate([by_alpha, (seconds - moments[:, None]) / total])
-    covariance = (by_alpha * variance) @ by_alpha.T
+    moments = seconds @ weight / total
+    by_weight = np.stack([np.ones(len(x)), dx / total, dy / total])
+    by_weight = np.concatenate([by_weight, (seconds - moments[:, None]) / total])
+    covariance = (by_weight * variance) @ by_weight.T
     covariance[0, 0] += (total * scale) ** 2
-    middle = alpha @ x / total, alpha @ y / total
+    middle = weight @ x / total, weight @ y / total
     pixel = UNIFORM_VARIANCE * np.array([1, 0, 1])
     return np.array([total, *middle, *(moments - pixel)]), covariance
+
+
+def _with_area_of_width(moments: Array) -> Array:
+    """The same moments with the area of a disc that has their variance across the path."""
+    area = 4 * np.pi * _variances(moments)[1]
+    return np.array([area, *moments[1:]])
+
+
+def _variances(moments: Array) -> tuple[float, float]:
+    """Difference of the variances along and across the path, and the one across, at least 0."""
+    xx, xy, yy = moments[3:]
+    difference = float(np.hypot(xx - yy, 2 * xy))  # of the two eigenvalues
+    return difference, max((xx + yy - difference) / 2, 0.0)
 
 
 def _quantities_of_moments(moments: Array) -> Array:
     """`QUANTITIES` of area, mean and variances."""
     area, x, y, xx, xy, yy = moments
-    difference = np.hypot(xx - yy, 2 * xy)  # of the two eigenvalues
-    across = max((xx + yy - difference) / 2, 0.0)
+    difference, across = _variances(moments)
     angle, length = 0.5 * np.arctan2(2 * xy, xx - yy), np.sqrt(12 * difference)
     radius = np.sqrt(max(area, 0.0) / np.pi)
     return np.array([x, y, angle, length, 4 * np.sqrt(across), radius, area, length])
