@@ -312,6 +312,16 @@ def test_the_light_that_was_added_is_summed_in_the_place_of_alpha(solution):
     assert "may be nothing" not in said
 
 
+@pytest.mark.parametrize("grade", [Grade.CONFIRMED, Grade.ASSUMED])
+def test_grade_of_a_lamp_states_no_factor_of_an_alpha_that_is_zero(solution, grade):
+    light = disc_on_arc(opacity=0.0, opacity_std=0.05)
+    stats = {"sweep": light, "grade": grade, "alpha_error": 0.015, "alpha_scale_std": 8e6}
+    lamp = solution(**stats, alternatives=(Alternative(**OWN), Alternative(**LIKELY)))
+    (said,) = grade_in_words(lamp)
+    assert said == f"{grade}: it only adds light, alpha 0 within 0.015"
+    assert "times as large" not in " ".join(explain(lamp))
+
+
 def graded(solution, *alternatives, scale=0.2):
     found = tuple(Alternative(**one) for one in alternatives)
     return solution(grade=Grade.ASSUMED, alpha_scale_std=scale, alternatives=found)

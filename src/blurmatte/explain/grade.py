@@ -182,11 +182,14 @@ def _errors(stats: SolutionStats, grade: Grade) -> list[str]:
     """Errors of alpha and of its sum, one standard deviation each."""
     error, scale = stats.alpha_error, stats.alpha_scale_std
     said = []
+    if stats.only_adds_light:
+        within = "" if error is None else f", alpha 0 within {error:.2g}"
+        return [f"it only adds light{within}"]
     if grade is Grade.ASSUMED and scale:
         said.append(f"alpha is known up to a factor of 1 ± {scale:.2g}")
     if error is not None:
         said.append(f"{'' if said else 'alpha '}within {error:.2g}")
-    if grade is not Grade.ASSUMED and scale is not None and not stats.only_adds_light:
+    if grade is not Grade.ASSUMED and scale is not None:
         said.append(f"its sum within {rounded_std(100 * scale)} %")
     return said
 
@@ -246,7 +249,7 @@ def factor_interval(solution: Solution) -> list[str]:
     if len(found) > 1:
         factors = [1.0, *(one.alpha_factor for one in found)]
         ends.append((min(factors), max(factors), "over the hypotheses"))
-    if not (found and ends):
+    if not (found and ends) or solution.stats.only_adds_light:
         return []
     low, high = min(low for low, _, _ in ends), max(high for _, high, _ in ends)
     each = ", ".join(f"{low:.2f} to {high:.2f} {by}" for low, high, by in ends)

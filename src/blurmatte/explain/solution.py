@@ -141,9 +141,10 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
         return []
     if solution.stats.may_be_shadow or not _gives_back(image, plate, solution):
         return []
+    elsewhere = "; over another background alpha may be off by that factor"
     return [
         "over the same plate the layer gives back the picture, so that edits there and `remove` are "
-        "usable all the same; over another background alpha may be off by that factor"
+        f"usable all the same{'' if solution.stats.only_adds_light else elsewhere}"
     ]
 
 
