@@ -10,6 +10,7 @@ from blurmatte.matting import solve
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 120)
@@ -114,6 +115,25 @@ def test_length_of_streaks_that_overlap_is_within_its_error(overlap):
     motion = measure_motion(solve(image, plate))
     assert abs(motion.length - 40) < 3 * motion.length_std < 3
     assert abs(motion.radius - 10) < 3 * motion.radius_std
+
+
+@pytest.mark.battery
+def test_streaks_that_overlap_before_a_texture_are_within_their_errors():
+    # honest: a rough guess does not show whether two shots agree on the scene or on the object
+    z = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        scene, half, shots = textured_plate((200, 120), rng), np.array([20, 0]), []
+        for k in (-1, 0, 1):
+            middle = np.array([100 + 8 * k, 60])
+            path = Trajectory.line(middle - half, middle + half)
+            picture = rendered(Scene(scene, path, Ball(10, np.array([0.8, 0.16, 0.05]))))
+            shots.append(noisy(picture.image.rgb, 3 * seed + k + 1))
+        plate, _ = burst_plate(shots[1], [shots[0], shots[2]], Matching.NONE)
+        motion = measure_motion(solve(shots[1], plate))
+        z += [*((motion.center - [100, 60]) / motion.center_std)]
+        z.append((motion.length - 40) / motion.length_std)
+    assert np.mean(np.abs(z) < 3) >= 0.95
 
 
 def test_streaks_apart_are_not_guessed():

@@ -37,7 +37,8 @@ def burst_plate(
     Each shot is matched to the image alone. The plate of a pixel is the light that most of all
     shots agree on, the image included; it is the mean of those shots that show it, without the image.
     Where streaks overlap, most shots may agree on the object: there the plate is compared with a guess
-    from the surroundings (`guess_plate`), which replaces what contradicts it.
+    from the surroundings (`guess_plate`), which replaces what contradicts it. A guess that is too rough
+    to be contradicted by the object's light replaces all there.
 
     Parameters
     ----------
@@ -85,7 +86,8 @@ def _checked(image: LinearImage, plate: LinearImage, differ: Bools) -> LinearIma
         noise = noise_around(image, region)
         if guess.error**2 > _MAX_GUESS_ERROR**2 * noise.variance(guess.rgb[guess.hidden]).mean():
             return plate
-        guess = guess_plate(plate, region & _contradicting(plate, guess))
+        unlikely = _contradicting(plate, guess) | _undecided(image, plate, guess, differ & region)
+        guess = guess_plate(plate, region & unlikely)
     except PlateError:  # too little is seen around it
         return plate
     return replace(guess, image_noise=noise)
@@ -105,6 +107,19 @@ def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:
     half_width = float(scipy.ndimage.distance_transform_edt(off).max())
     margin = RIM_PX + MARGIN_FACTOR * part * 2 * half_width
     return np.asarray(scipy.ndimage.distance_transform_edt(~(off | ~plate.valid)) <= margin)
+
+
+def _undecided(image: LinearImage, plate: LinearImage, guess: PlateGuess, moved: Bools) -> Bools:
+    """(H, W) where light that differs as much as the object's does would not contradict a guess.
+
+    moved (H, W): where a shot differs from the plate.
+    """
+    variance = guess.variance + plate.variance
+    seen = moved & plate.valid & image.valid
+    if not seen.any():
+        return ~plate.valid
+    contrast = np.quantile((image.rgb - plate.rgb)[seen] ** 2, 0.95, axis=0)
+    return np.asarray((contrast / variance).sum(axis=-1) < QUANTILE_999_3)
 
 
 def _mostly(mask: Bools) -> Bools:
