@@ -342,7 +342,7 @@ def test_reasons_are_true_of_their_numbers():
         assert np.expm1(terms.radius) > 1.5 or "size" not in found  # percent: 3 % of the area
         seen |= set(found)
     assert {"noise", "disagreement", "shape", "size"} <= seen
-    assert reasons(ErrorTerms(noise=5.0), 0.001, np.array([1.0]), True) == ["file"]
+    assert reasons(ErrorTerms(noise=6.5), 0.001, np.array([1.0]), True) == ["file"]
     assert reasons(ErrorTerms(small_claim=5.0), 0.001, np.array([1.0]), True) == []
     exact = ErrorTerms(radius=float(np.log1p(0.3)))  # ± 0.3 %
     assert reasons(exact, 0.001, np.array([1.0]), False) == []
