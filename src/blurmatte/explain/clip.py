@@ -18,7 +18,7 @@ def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> lis
     said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
     if not found:
         return [said[0], f"{said[1]}."]
-    swept = sum(one.motion.source == "sweep" for one in found)
+    swept = sum(one.motion.has_shape for one in found)
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
     tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
@@ -99,9 +99,9 @@ def _in_space(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None]) -
 
 def _sources(balls: Sequence[BallPlace]) -> str:
     """What places were measured from."""
-    fitted = sum(ball.source == "ball" for ball in balls)
-    discs = sum(ball.source == "sweep" for ball in balls)
-    moments, doubted = len(balls) - fitted - discs, sum(ball.doubted for ball in balls)
+    fitted = sum(ball.is_fitted for ball in balls)
+    moments = sum(not ball.has_shape for ball in balls)
+    discs, doubted = len(balls) - fitted - moments, sum(ball.doubted for ball in balls)
     said = [f"{fitted} by a ball that was fitted to the picture"]
     if discs:
         said.append(f"{discs} by a disc")
@@ -114,7 +114,7 @@ def _sources(balls: Sequence[BallPlace]) -> str:
 
 def _errors(balls: Sequence[BallPlace]) -> str:
     """The error of the distance and its sources."""
-    shapes = [ball for ball in balls if ball.source != "moments"]
+    shapes = [ball for ball in balls if ball.has_shape]
     if not shapes:
         return "The error of the distance is not known from moments of alpha."
     picture = max(float(ball.picture_covariance[2, 2]) ** 0.5 / ball.distance for ball in shapes)

@@ -52,7 +52,7 @@ def motion_in_words(motion: Motion) -> Iterator[str]:
     yield from _position(motion)
     yield from _path(motion)
     yield from _changes(motion)
-    if motion.source == "moments":
+    if not motion.has_shape:
         yield (
             "Speed over time and outline are not known without a shape; if the object is longer than "
             "wide, the length is too large by the difference."
@@ -76,10 +76,11 @@ def scatter_in_words(scatter: Scatter) -> list[str]:
 def _position(motion: Motion) -> Iterator[str]:
     (x, y), (dx, dy) = motion.center, motion.center_std
     what = with_article(motion.silhouette) if motion.silhouette else "an object of any shape"
-    basis = {
-        "sweep": "the shape on a path that explains the streak",
-        "moments": "sum, mean and covariance of alpha, assuming a straight path and constant speed",
-    }[motion.source]
+    basis = (
+        "the shape on a path that explains the streak"
+        if motion.has_shape
+        else "sum, mean and covariance of alpha, assuming a straight path and constant speed"
+    )
     yield f"Measured from {basis}: {what} on {path_family(motion.path).motion_in_words}."
     yield f"Mean position of its center: x {with_error(x, dx)}, y {with_error(y, dy)} px."
     yield (

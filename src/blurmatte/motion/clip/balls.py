@@ -145,4 +145,4 @@ def _each(frames: Sequence[LinearImage]) -> Iterator[LinearImage | None]:
 
 def _may_be_ball(one: Sighting | None) -> bool:
     """True if a disc explains it: the image of a ball is nearly a disc."""
-    return one is not None and one.motion.source == "sweep"
+    return one is not None and one.motion.has_shape

@@ -285,5 +285,5 @@ def mistake_probability(seen: Sequence[Sighting]) -> float:
 
     By the rule of succession, so that it is neither 0 nor 1.
     """
-    discs = [one for one in seen if one.motion.source == "sweep" and not one.motion.at_border]
+    discs = [one for one in seen if one.motion.has_shape and not one.motion.at_border]
     return (sum(bool(one.motion.doubts) for one in discs) + 1) / (len(discs) + 2)

@@ -103,7 +103,7 @@ class Sighting:
     @property
     def is_whole(self) -> bool:
         """Whether a disc explains the streak and it is not cut by the border or doubtful."""
-        return self.measured.source == "sweep" and self.is_sound
+        return self.measured.has_shape and self.is_sound
 
     @property
     def is_sound(self) -> bool:

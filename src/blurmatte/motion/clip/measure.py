@@ -224,7 +224,7 @@ class _Detector:
                 found.append(replace(one, measured=in_frame))
             except BlurmatteError as error:
                 reasons.append(str(error))
-            if single and found and found[-1].measured.source == "sweep":
+            if single and found and found[-1].measured.has_shape:
                 break
         if not parts:
             reasons = [NOTHING_MOVED if self.color is None or not crops else _NO_COLOR]

@@ -115,6 +115,16 @@ class BallPlace:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     @property
+    def is_fitted(self) -> bool:
+        """Whether a ball was fitted to the picture in three dimensions."""
+        return self.source == "ball"
+
+    @property
+    def has_shape(self) -> bool:
+        """Whether it is that of a ball or of a disc, and not from the moments of alpha."""
+        return self.source != "moments"
+
+    @property
     def distance(self) -> float:
         """From the camera, meters."""
         return float(np.linalg.norm(self.place))
@@ -252,7 +262,7 @@ def _place(
         place = _of_disc(row, seen, intrinsics, radius)
     else:
         place = replace(BallPlace.of(ball, row.frame, row.time), track=row.track or 1)
-    doubted = bool(seen.motion.doubts) and (ball is None or seen.motion.source == "sweep")
+    doubted = bool(seen.motion.doubts) and (ball is None or seen.motion.has_shape)
     time = None if row.time is None else row.time + line_time * seen.rows[0]
     return replace(place, doubted=doubted, time=time)
 

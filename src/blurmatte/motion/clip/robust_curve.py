@@ -203,9 +203,7 @@ class RobustCurve:
 
     def factors_of(self, sighting: Sighting, variances: Sequence[float]) -> tuple[float, ...]:
         """By which errors of these variances of a detection become those here, for each kind."""
-        added = (
-            self.added_to_moments if sighting.motion.source == "moments" else self.added_to_discs
-        )
+        added = self.added_to_discs if sighting.motion.has_shape else self.added_to_moments
         least = MIN_STD_PX**2
         ratios = (a**2 / max(v, least) for a, v in zip(added, variances, strict=True))
         return tuple(float(np.sqrt(1 + ratio)) for ratio in ratios)
@@ -219,7 +217,7 @@ class RobustCurve:
     @property
     def _of_moments(self) -> Bools:
         """(n,) rows measured by the moments of alpha."""
-        return _which(self.frames, lambda one: one.motion.source == "moments")
+        return _which(self.frames, lambda one: not one.motion.has_shape)
 
     @property
     def _kinds(self) -> list[slice]:

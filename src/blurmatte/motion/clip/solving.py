@@ -431,7 +431,7 @@ def _start(
     sighting: Sighting, crop: Crop, model: ColorModel, prior: MotionPrior | None
 ) -> Sweep | None:
     """Where the fit starts: the path from all frames, or else the one that was measured."""
-    if sighting.motion.source != "sweep" and prior is None:
+    if not sighting.motion.has_shape and prior is None:
         return None
     family: PathFamily = LINE
     path = LINE.shifted(

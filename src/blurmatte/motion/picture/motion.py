@@ -100,7 +100,7 @@ class Scale:
                 f"a radius of {motion.radius:.2g} ± {motion.radius_std:.2g} px gives no scale; give "
                 "meters per pixel, or two points of known distance"
             )
-        if motion.at_border and motion.source == "moments":
+        if motion.at_border and not motion.has_shape:
             raise MotionError(
                 "the object reaches the border, so that its radius in the picture is not known; give "
                 "meters per pixel, or two points of known distance"
@@ -376,6 +376,11 @@ class Motion(Displayed):
         return self._std("top_speed")
 
     @property
+    def has_shape(self) -> bool:
+        """Whether it was measured from a shape on a path, and not from the moments of alpha."""
+        return self.source == "sweep"
+
+    @property
     def moved(self) -> bool:
         """True if the length is significant; else the object may have been at rest.
 
@@ -388,7 +393,7 @@ class Motion(Displayed):
         """
         at_rest = np.sqrt(3) * self.radius
         extent = max(np.hypot(self.length, at_rest), 1e-12)
-        factor = 2.0 if self.source == "moments" else 1 + at_rest / extent
+        factor = 1 + at_rest / extent if self.has_shape else 2.0
         return bool(self.length > MIN_EXCESS_STD * factor * self.length_std)
 
     @property
