@@ -187,14 +187,16 @@ def test_finds_streak_at_the_border(taken, plates, edge):
     assert covered(found[0], scene.layer.alpha) > 0.97
 
 
-def test_searches_large_pictures_in_cells(taken, faint, monkeypatch):
-    pictures = taken(faint.image.rgb, faint.plate.rgb, 1, 0)
-    most = faint.plate.rgb.size / 3 / 3.5  # cells of 2 x 2
-    monkeypatch.setattr("blurmatte.streaks.find.MAX_CELLS", most)
+def test_searches_large_pictures_in_cells(taken, faint):
+    height, width = faint.layer.alpha.shape
+    plate = np.tile(faint.plate.rgb, (int(1000 / height) + 1, int(1000 / width) + 1, 1))
+    light, alpha = plate.copy(), np.zeros(plate.shape[:2])
+    light[:height, :width], alpha[:height, :width] = faint.image.rgb, faint.layer.alpha
+    pictures = taken(light, plate, 1, 0)
     found = find_streaks(*pictures)
     assert len(found) == 1
-    assert found[0].mask.shape == pictures[0].valid.shape
-    assert covered(found[0], faint.layer.alpha) > 0.97
+    assert found[0].mask.shape == alpha.shape
+    assert covered(found[0], alpha) > 0.97
     everywhere = Streak.from_box((0, 0, *pictures[0].size), pictures[0].size)
     within = find_streak_within(everywhere, *pictures)
     assert [streak.cell for streak in (found[0], within, everywhere)] == [2, 2, 1]

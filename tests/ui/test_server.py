@@ -21,8 +21,8 @@ from tests.ui.programs import helpers, is_alive, program, wait_for
 import blurmatte.ui.server
 import blurmatte.ui.session
 from blurmatte.ui.private_folder import delete_left_folders
-from blurmatte.ui.server import Requests, _Guard, serve
-from blurmatte.ui.session import JobState, Session
+from blurmatte.ui.server import Requests, _Guard, _pieces, serve
+from blurmatte.ui.session import JobState, RefusedError, Session
 
 ROOT = Path(__file__).parents[2]
 HOST, KEY = "127.0.0.1:8123", "the-key"
@@ -314,17 +314,17 @@ def test_a_file_that_is_none_is_refused_and_leaves_nothing(page, path, parts, le
     assert not list(page.session._folder.iterdir())
 
 
-def test_a_file_that_stops_coming_is_given_up(page, monkeypatch):
-    monkeypatch.setattr(blurmatte.ui.server, "_SECONDS_OF_SILENCE", 0.05)
+def test_a_file_that_stops_coming_is_given_up():
+    class Stopping:
+        async def stream(self):
+            yield b"ab"
+            await asyncio.sleep(30)
 
-    async def stopped(_):
-        yield b"ab"
-        await asyncio.sleep(30)
+    async def read():
+        return [piece async for piece in _pieces(Stopping(), silence=0.05)]
 
-    monkeypatch.setattr(blurmatte.ui.server.Request, "stream", stopped)
-    status, _, body = page.ask("PUT", "/api/files?name=a")
-    assert (status, json.loads(body)["error"]) == (400, "the file stopped coming; drop it again")
-    assert not list(page.session._folder.iterdir())
+    with pytest.raises(RefusedError, match="the file stopped coming; drop it again"):
+        asyncio.run(read())
 
 
 def test_results_come_as_one_archive(page):

@@ -406,12 +406,12 @@ def _page_files() -> set[str]:
     return {p.relative_to(root).as_posix() for p in root.rglob("*") if p.is_file()}
 
 
-async def _pieces(request: Request) -> AsyncIterator[bytes]:
-    """The body of a request as it comes; RefusedError if it stops."""
+async def _pieces(request: Request, silence: float = _SECONDS_OF_SILENCE) -> AsyncIterator[bytes]:
+    """The body of a request as it comes; RefusedError after so many seconds without a piece."""
     stream = request.stream().__aiter__()
     while True:
         try:
-            yield await asyncio.wait_for(anext(stream), _SECONDS_OF_SILENCE)
+            yield await asyncio.wait_for(anext(stream), silence)
         except StopAsyncIteration:
             return
         except TimeoutError:
