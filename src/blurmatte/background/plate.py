@@ -36,6 +36,7 @@ from blurmatte.radiometry import (
     rounding_variance,
 )
 from blurmatte.radiometry.image import VARIANCE_FLOOR
+from blurmatte.statistics import UNIFORM_VARIANCE
 
 # Pixels whose plate is known, and averages over neighbors for their variance.
 _MIN_FREE_FRACTION = 0.15  # of the frames
@@ -396,7 +397,7 @@ def _kept_rounding(scatter: Floats) -> Floats:
     """
     sigma, k = np.linspace(0, 1, 200), np.arange(1, 40)
     b = (np.exp(-((2 * np.pi * np.outer(sigma, k)) ** 2)) / (2 * np.pi**2 * k**2)).sum(-1)
-    known, kept = 12 * (sigma**2 + 1 / 12 - b), np.zeros_like(scatter)
+    known, kept = (sigma**2 + UNIFORM_VARIANCE - b) / UNIFORM_VARIANCE, np.zeros_like(scatter)
     some = scatter <= known[-1]  # few, in noisy clips
     kept[some] = np.interp(scatter[some], known, 12 * b)
     return kept

@@ -17,7 +17,7 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import NoiseModel
-from blurmatte.statistics import nonnegative_least_squares, robust_std
+from blurmatte.statistics import UNIFORM_VARIANCE, nonnegative_least_squares, robust_std
 
 Levels = tuple[Array, ...]
 
@@ -166,10 +166,10 @@ def without_rounding(y: Array, step2: Array, repeated: bool) -> Array:
     """
     steps = np.maximum(step2, _TINY)
     if not repeated:
-        return np.maximum(y - step2 / 12, 0)
+        return np.maximum(y - UNIFORM_VARIANCE * step2, 0)
     sigma2 = np.geomspace(0.02, 3.0, 400) ** 2  # beyond, the sum is negligible
     k = np.arange(1, 60)[:, None]
     same = np.sum(np.exp(-4 * np.pi**2 * k**2 * sigma2) / (2 * np.pi**2 * k**2), axis=0)
-    seen = sigma2 + 1 / 12 - same
+    seen = sigma2 + UNIFORM_VARIANCE - same
     inverse = np.interp(y / steps, seen, sigma2, left=0) * steps
-    return np.where(y > seen[-1] * steps, y - step2 / 12, inverse)
+    return np.where(y > seen[-1] * steps, y - UNIFORM_VARIANCE * step2, inverse)

@@ -21,7 +21,7 @@ from blurmatte.checks import Array, Bools
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.radiometry.image import VARIANCE_FLOOR
-from blurmatte.statistics import chi_square_quantile, variance_inflation
+from blurmatte.statistics import UNIFORM_VARIANCE, chi_square_quantile, variance_inflation
 
 _TINY = 1e-20  # light² or a fraction: guards a division
 
@@ -206,7 +206,7 @@ def _inliers(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
     curve = NoiseModel.from_coefficients(
         np.array([_channel(light, sample, inliers, c)[0] for c in range(3)])
     )
-    expected = curve.variance(light) + sample.step**2 / 12
+    expected = curve.variance(light) + UNIFORM_VARIANCE * sample.step**2
     typical = np.minimum(typical, _MAX_OVER_CURVE * expected)
     changed, inliers = _unchanged(sample, typical)
     # In files of code values noise is truncated near black and white.
@@ -244,7 +244,7 @@ def _typical(light: Array, sample: Sample, c: int) -> Array:
     at, levels = [], []
     for piece in parts_by_light(x, _PIXELS_PER_LEVEL):
         w, step = v[piece], float(np.mean(step2[piece]))
-        s2 = max(float(np.quantile(w, _QUIET_FRACTION)) / low, step / 12)
+        s2 = max(float(np.quantile(w, _QUIET_FRACTION)) / low, UNIFORM_VARIANCE * step)
         for _ in range(_ITERATIONS):
             # Rounding may turn no noise into a whole step.
             near = w[w <= far * s2 + step]
@@ -292,5 +292,5 @@ def _channel(
     scatter = np.mean([np.std(v[p]) for p in pieces] / (whole + _TINY))
     spread = scatter * np.sqrt(inflation / np.array([len(p) for p in pieces]))
     y = without_rounding(whole, steps, sample.repeated)
-    theta, covariance, y_std = fit_sensor(at, y, spread, steps / 12)
-    return theta, covariance, at, y + steps / 12, y_std
+    theta, covariance, y_std = fit_sensor(at, y, spread, UNIFORM_VARIANCE * steps)
+    return theta, covariance, at, y + UNIFORM_VARIANCE * steps, y_std

@@ -19,7 +19,7 @@ from blurmatte.checks import Array, Bools, Floats, check_same_size
 from blurmatte.errors import ResponseError
 from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
 from blurmatte.radiometry.transfer import Curve
-from blurmatte.statistics import robust_std
+from blurmatte.statistics import UNIFORM_VARIANCE, robust_std
 
 CELLS = 255  # of a curve: the steps between code values of 8 bits
 _STEP = 1 / CELLS  # of full scale
@@ -71,7 +71,8 @@ class Bracket:
     @property
     def rounding(self) -> float:
         """Standard deviation of rounding to code values, a fraction of full scale."""
-        return float(max(1 / ((p.meta.levels or 65536) - 1) for p in self.pictures) / 12**0.5)
+        step = max(1 / ((p.meta.levels or 65536) - 1) for p in self.pictures)
+        return float(step * np.sqrt(UNIFORM_VARIANCE))
 
     def places(self) -> "list[Places]":
         """Places of each channel, or of one if the pictures are gray."""

@@ -20,6 +20,7 @@ import scipy
 from blurmatte.checks import Array
 from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, Compression
 from blurmatte.radiometry.compression import BLOCK
+from blurmatte.statistics import UNIFORM_VARIANCE
 
 Matrix = Any  # scipy.sparse.csr_matrix
 
@@ -131,7 +132,7 @@ class Coefficients:
         """Variance of rounding, q² / 12, of the coefficients of Y, Cb, Cr."""
         tables = self.compression.luma, self.compression.chroma, self.compression.chroma
         return tuple(
-            np.tile(np.square(q) / 12.0, (R.shape[0] // BLOCK, C.shape[0] // BLOCK))
+            np.tile(UNIFORM_VARIANCE * np.square(q), (R.shape[0] // BLOCK, C.shape[0] // BLOCK))
             for q, (R, C) in zip(tables, self._pairs, strict=True)
         )
 

@@ -25,6 +25,7 @@ from blurmatte.matting.calibration import GRADE_LIMITS
 from blurmatte.matting.case import Case
 from blurmatte.matting.maps import Grade
 from blurmatte.radiometry.transfer import Matrix3
+from blurmatte.statistics import UNIFORM_VARIANCE
 
 _WINDOW_PX = 3  # width of windows: single pixels decide nothing
 _MIN_WINDOWS = 12  # of a streak whose mixtures are compared
@@ -139,7 +140,7 @@ class Mixtures:
         if not self.reach(pole):
             return None
         apart, step = l - pole, np.diff(farther, axis=0)
-        scatter = (weight[:, None] * apart).T @ apart + step.T @ step / 12
+        scatter = (weight[:, None] * apart).T @ apart + UNIFORM_VARIANCE * (step.T @ step)
         across = np.eye(3) - np.outer(pole, pole)
         covariance = across @ (scatter + noise * np.eye(3)) @ across
         model = ColorModel(pole[:, None], covariance, to_srgb=to_srgb)

@@ -17,7 +17,7 @@ import numpy as np
 
 from blurmatte.checks import MAX_LIGHT, Floats, check_kind
 from blurmatte.radiometry.transfer import TRANSFER_HINT, Transfer
-from blurmatte.statistics import nonnegative_least_squares
+from blurmatte.statistics import UNIFORM_VARIANCE, nonnegative_least_squares
 
 PerChannel = tuple[float, float, float]
 
@@ -135,7 +135,7 @@ class NoiseModel(Noise):
 
 def rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
     """Variance of rounding to one of `levels` code values, light², at `light` (...)."""
-    return (transfer.slope(light) / (levels - 1)) ** 2 / 12
+    return UNIFORM_VARIANCE * (transfer.slope(light) / (levels - 1)) ** 2
 
 
 def fit_coefficients(light: Floats, variance: Floats, weight: Floats | float = 1.0) -> Floats:

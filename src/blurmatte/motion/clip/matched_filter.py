@@ -15,6 +15,7 @@ from blurmatte.color.streak import (
     projection_weights,
 )
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import MAD_TO_STD
 from blurmatte.streaks import Streak, dilated, find_streaks, opened
 
 Place = tuple[slice, ...]
@@ -79,8 +80,8 @@ class MatchedFilter:
             there = white.within(box)
             strength = there._strength(there._light(image_in(box)))
             strengths.append(np.abs(strength[inner][::4, ::4]))
-        # 0.6745 is the median of |x| for standard normal x; noise of video is correlated.
-        inflation = max(float(np.median(np.concatenate(strengths))) / 0.6745, 1.0)
+        # Noise of video is correlated.
+        inflation = max(MAD_TO_STD * float(np.median(np.concatenate(strengths))), 1.0)
         return replace(white, inflation=inflation)
 
     def within(self, box: Box) -> "MatchedFilter":
