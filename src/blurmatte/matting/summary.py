@@ -67,7 +67,13 @@ def mean_light(maps: PixelMaps) -> Array | None:
 
     None if that alpha sums to nothing.
     """
-    y, x, alpha = _known_alpha(maps)
+    return _mean_light(maps, *_known_alpha(maps))
+
+
+def _mean_light(
+    maps: PixelMaps, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp], alpha: Array
+) -> Array | None:
+    """The same of pixels of which alpha is known."""
     if not alpha.any():
         return None
     light = np.maximum(maps.premultiplied[y, x], 0).sum(axis=0, dtype=float)
@@ -84,9 +90,9 @@ def with_mean_light(
     relative error of the sum of alpha, turns it by the part of ε b / |l| across l. Colors without an
     error, given ones or any, stay.
     """
-    mean, covariance = mean_light(maps), model.covariance
+    y, x, alpha = _known_alpha(maps)
+    mean, covariance = _mean_light(maps, y, x, alpha), model.covariance
     if mean is not None and mean.any() and sums.sum_alpha > 0 and covariance.any():
-        y, x, alpha = _known_alpha(maps)
         length = np.linalg.norm(mean)
         by_factor = alpha @ plate.rgb[y, x] / (alpha.sum() * length)
         relative_std = sums.sum_alpha_std / sums.sum_alpha
