@@ -19,7 +19,7 @@ import numpy.typing as npt
 from benchmarks.cycles.errors import errors_of
 from benchmarks.cycles.own import CAMERAS
 from benchmarks.cycles.pictures import LEARN, OWN, Picture, find_pictures
-from benchmarks.cycles.workers import run_each
+from benchmarks.cycles.workers import run_each, with_progress
 from benchmarks.table import Table
 
 from blurmatte.errors import BlurmatteError
@@ -85,7 +85,10 @@ def gather(root: Path, cameras: Sequence[str], limit: int | None, processes: int
     done = {(one.part, one.scene, one.camera) for one in known}
     pictures = find_pictures(root, (LEARN, OWN), cameras)[:limit]
     missing = [p for p in pictures if (p.part, p.scene, p.camera) not in done]
-    for _, sample in run_each(_sample, missing, processes):
+    results = (result for _, result in run_each(_sample, missing, processes))
+    for sample in with_progress(
+        results, len(missing), "pictures", lambda one: isinstance(one, Sample)
+    ):
         if isinstance(sample, Sample):
             known.append(sample)
             with path.open("a", encoding="utf-8") as journal:

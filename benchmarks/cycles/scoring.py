@@ -17,7 +17,7 @@ from benchmarks.cycles.errors import errors_of
 from benchmarks.cycles.methods import OURS, Method, methods
 from benchmarks.cycles.outcome import JOURNAL, OUT_OF_TIME, Key, Outcome, append, read_journal
 from benchmarks.cycles.pictures import LEARN, TUNE, Facts, Picture, find_pictures
-from benchmarks.cycles.workers import Ended, OutOfTime, cpu_limit, run_each
+from benchmarks.cycles.workers import Ended, OutOfTime, cpu_limit, run_each, with_progress
 
 import blurmatte
 from blurmatte.errors import BlurmatteError, FileError
@@ -34,7 +34,6 @@ _SOLVING = (
     *("background", "checks.py", "color", "errors.py", "files", "jpeg", "layer.py", "matting"),
     *("radiometry", "statistics", "streaks", "sweep", "trajectory.py"),
 )
-_PROGRESS = 10.0  # seconds between its lines
 # Counted |z| can cross a bound by rounding, and seconds are those of the machine.
 _NOT_COMPARED = ("cpu_seconds", "limit", "commit", "within_1", "within_2", "counts")
 _NOISE = 0.5 / 255
@@ -103,7 +102,8 @@ def score(
     jobs = [Job(picture, name, limit, commit) for picture in pictures for name in names]
     todo = [job for job in jobs if job.key not in done]
     print(f"{len(pictures)} pictures, {len(jobs) - len(todo)} of {len(jobs)} outcomes are there")
-    append(journal, _with_progress(_outcomes(todo, processes), len(todo)))
+    found = _outcomes(todo, processes)
+    append(journal, with_progress(found, len(todo), "outcomes", lambda one: one.answered))
     return journal
 
 
@@ -163,24 +163,6 @@ def _ended(job: Job, end: Ended) -> Outcome | None:
     if end.by_limit:
         return _outcome(job, known, None, _out_of_time(job.limit), job.limit)
     return _outcome(job, known, None, f"the process ended with code {end.exit_code}", None)
-
-
-def _with_progress(outcomes: Iterator[Outcome], count: int) -> Iterator[Outcome]:
-    """The same, and now and then a line of how many there are."""
-    start = shown = time.monotonic()
-    answered = 0
-    for n, outcome in enumerate(outcomes, 1):
-        yield outcome
-        answered += outcome.answered
-        now = time.monotonic()
-        if now - shown >= _PROGRESS or n == count:
-            shown, rate = now, 60 * n / max(now - start, 1e-3)
-            left = (count - n) / rate
-            print(
-                f"{n} of {count} outcomes, {answered} answered, {rate:.1f} a minute, "
-                f"{left:.0f} minutes left",
-                flush=True,
-            )
 
 
 @dataclass(frozen=True, eq=False)

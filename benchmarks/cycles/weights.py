@@ -6,7 +6,6 @@ logistic regression [McFadden 1974].
 """
 
 import json
-import sys
 import warnings
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, field, fields
@@ -18,7 +17,7 @@ import scipy
 from benchmarks.cycles.calibrate import CALIBRATION, Array
 from benchmarks.cycles.own import CAMERAS
 from benchmarks.cycles.pictures import LEARN, OWN, TUNE, Picture, find_pictures
-from benchmarks.cycles.workers import run_each
+from benchmarks.cycles.workers import run_each, with_progress
 from benchmarks.table import Table
 
 from blurmatte.checks import rows_columns
@@ -113,12 +112,10 @@ def fit_odds(pictures: Sequence[Weighed]) -> dict[str, float]:
 
 
 def _gather(root: Path, parts: Sequence[str], processes: int) -> list[Weighed]:
-    pictures, found = find_pictures(root, parts, CAMERAS), []
-    for done, (_, one) in enumerate(run_each(_weighed, pictures, processes), 1):
-        print(f"\r{done} of {len(pictures)} pictures", end="", file=sys.stderr, flush=True)
-        if isinstance(one, Weighed):
-            found.append(one)
-    return found
+    pictures = find_pictures(root, parts, CAMERAS)
+    results = (result for _, result in run_each(_weighed, pictures, processes))
+    shown = with_progress(results, len(pictures), "pictures", lambda one: isinstance(one, Weighed))
+    return [one for one in shown if isinstance(one, Weighed)]
 
 
 def reliability(pictures: Sequence[Weighed]) -> Table:

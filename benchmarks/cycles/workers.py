@@ -17,14 +17,18 @@ from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from threading import Thread
 from traceback import format_exc
-from typing import Any
+from typing import Any, TypeVar
 
 # Threads of linear algebra would wait for each other, and change the order of sums.
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _SPAWN = get_context("spawn")
+_PROGRESS_S = 10.0  # between two lines
 
 # Relative error of the CPU time of a process that the system samples at its ticks, for the limit
 _TICK_ERROR = 0.1
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -118,6 +122,26 @@ def run_each(
     finally:
         for worker in workers:
             worker.process.kill()
+
+
+def with_progress(
+    results: Iterable[T], count: int, noun: str, answered: Callable[[T], bool]
+) -> Iterator[T]:
+    """The same, and now and then a line of how many there are, and how many have an answer."""
+    start = shown = time.monotonic()
+    answers = 0
+    for n, result in enumerate(results, 1):
+        yield result
+        answers += answered(result)
+        now = time.monotonic()
+        if now - shown >= _PROGRESS_S or n == count:
+            shown, rate = now, 60 * n / max(now - start, 1e-3)
+            left = (count - n) / rate
+            print(
+                f"{n} of {count} {noun}, {answers} answered, {rate:.1f} a minute, "
+                f"{left:.0f} minutes left",
+                flush=True,
+            )
 
 
 @dataclass(frozen=True, eq=False)
