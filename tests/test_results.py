@@ -15,7 +15,7 @@ import blurmatte as bm
 from blurmatte.cli.console import in_degrees
 from blurmatte.clips.table import PictureRecord
 from blurmatte.figures.sheet import Canvas
-from blurmatte.matting.summary import Alternative, mean_light
+from blurmatte.matting.summary import Alternative, known_alpha, mean_light
 from blurmatte.radiometry import hex_of_light
 from blurmatte.rendering import colorful_plate
 from blurmatte.results import RESULT_FILES
@@ -128,9 +128,9 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
 def test_a_layer_of_no_alpha_has_no_mean_color():
     """Exact"""
     maps = bm.matting.PixelMaps.zeros(4, 5)
-    assert mean_light(maps) is None
+    assert mean_light(maps, *known_alpha(maps)) is None
     maps.alpha[1, 2], maps.premultiplied[1, 2] = 0.5, (0.5, 0.25, 0.1)
-    np.testing.assert_allclose(mean_light(maps), (1, 0.5, 0.2), rtol=1e-6)
+    np.testing.assert_allclose(mean_light(maps, *known_alpha(maps)), (1, 0.5, 0.2), rtol=1e-6)
 
 
 def test_the_report_has_the_grade_and_the_calibrated_errors(tmp_path, solved):

@@ -15,6 +15,7 @@ from blurmatte.matting.summary import (
     Alternative,
     StreakSums,
     listed,
+    known_alpha,
     mean_light,
     with_mean_light,
 )
@@ -145,7 +146,8 @@ def test_color_errs_with_the_sum_of_alpha(rank):
     model = ColorModel.from_samples(np.repeat(one, 40, axis=0), rank=rank, std=1e-9)
     sums = StreakSums(108, 108, 0, float(alpha.sum()), step * float(alpha.sum()), 0.0)
     found = with_mean_light(model, maps, plate, sums)
-    moved = mean_light(seen_in(alpha, 1 + step, rank)[0])
+    brighter = seen_in(alpha, 1 + step, rank)[0]
+    moved = mean_light(brighter, *known_alpha(brighter))
     if rank == 1:
         turned = moved / np.linalg.norm(moved) - model.pole
         assert_allclose(found.covariance, np.outer(turned, turned), atol=1e-3 * turned @ turned)

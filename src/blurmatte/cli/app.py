@@ -285,8 +285,8 @@ def command(*examples: str, group: typer.Typer | None = None) -> Callable[[F], F
 def _with_options(function: Callable[..., None]) -> Callable[..., None]:
     """The function with an option for each field, and with one line for each error.
 
-    typer takes options from the signature of a function alone and knows no dataclasses. So the signature
-    of the command is put together here from those of its groups.
+    typer takes options from the signature of a function alone and knows no dataclasses. So the
+    signature of the command is put together here from those of its groups.
     """
     groups, parameters = _options_of(function)
     arguments = [one.name for one in parameters if _is_row(one.annotation)]

@@ -62,18 +62,13 @@ def streak_sums(
     )
 
 
-def mean_light(maps: PixelMaps) -> Array | None:
-    """(3,) light of the object over its alpha, both summed as in `Solution.layer`.
+def mean_light(
+    maps: PixelMaps, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp], alpha: Array
+) -> Array | None:
+    """(3,) light of the object over its alpha, both summed over the pixels of `known_alpha`.
 
     None if that alpha sums to nothing.
     """
-    return _mean_light(maps, *_known_alpha(maps))
-
-
-def _mean_light(
-    maps: PixelMaps, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp], alpha: Array
-) -> Array | None:
-    """The same of pixels of which alpha is known."""
     if not alpha.any():
         return None
     light = np.maximum(maps.premultiplied[y, x], 0).sum(axis=0, dtype=float)
@@ -90,8 +85,8 @@ def with_mean_light(
     relative error of the sum of alpha, turns it by the part of ε b / |l| across l. Colors without an
     error, given ones or any, stay.
     """
-    y, x, alpha = _known_alpha(maps)
-    mean, covariance = _mean_light(maps, y, x, alpha), model.covariance
+    y, x, alpha = known_alpha(maps)
+    mean, covariance = mean_light(maps, y, x, alpha), model.covariance
     if mean is not None and mean.any() and sums.sum_alpha > 0 and covariance.any():
         length = np.linalg.norm(mean)
         by_factor = alpha @ plate.rgb[y, x] / (alpha.sum() * length)
@@ -101,7 +96,7 @@ def with_mean_light(
     return replace(model, mean=mean, covariance=covariance)
 
 
-def _known_alpha(maps: PixelMaps) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]:
+def known_alpha(maps: PixelMaps) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]:
     """Rows, columns and alpha (n,), 0 to 1, of pixels of the layer whose alpha and light are known."""
     unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
     y, x = np.nonzero((maps.alpha > 0) & ~has_flag(maps.quality, unknown))
