@@ -14,8 +14,8 @@ from blurmatte.matting.summary import (
     MAX_ALTERNATIVES,
     Alternative,
     StreakSums,
-    listed,
     known_alpha,
+    listed,
     mean_light,
     with_mean_light,
 )
