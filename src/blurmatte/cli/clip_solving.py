@@ -34,6 +34,7 @@ from blurmatte.cli.selection import (
     ObjectColor,
     Selection,
     matching_of,
+    stated_model,
 )
 from blurmatte.formats import MOV, Writes, is_clip, written
 
@@ -192,10 +193,8 @@ def _model(colors: ObjectColor) -> bm.ColorModel | None:
     """The color model of the options; None: it is to be found in the frames."""
     if colors.kinds & {"point", "core"}:
         raise ValueError("of a clip give --color as hex or a model file; or leave it out")
-    if colors.kinds == {"file"}:
-        return bm.read_color_model((colors.color or [""])[0])
-    if colors.kinds == {"hex"}:
-        return bm.ColorModel.from_hex(*(colors.color or ()))
+    if colors.color:
+        return stated_model(colors.color)
     return bm.ColorModel.any() if colors.rank == 3 else None
 
 

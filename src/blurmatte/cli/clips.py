@@ -12,6 +12,7 @@ from typing import Any
 import blurmatte as bm
 from blurmatte.cli.console import about, answer, complain, in_degrees, waiting
 from blurmatte.cli.quantities import Direction
+from blurmatte.cli.selection import stated_model
 from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
 from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import clip_in_words, summary_in_words
@@ -164,8 +165,4 @@ def given_color(text: str | None) -> bm.ColorModel | None:
     """The color model of --color; None: it is to be found."""
     if text is None:
         return None
-    if text.lower().endswith(".json"):
-        return bm.read_color_model(text)
-    if text == "any":
-        return bm.ColorModel.any()
-    return bm.ColorModel.from_hex(text)
+    return bm.ColorModel.any() if text == "any" else stated_model([text])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -331,6 +331,13 @@ class Selection:
         sharp = self.reading.read(self.colors.color_from)
         check_same_colors("the image", image, "the picture of --color-from", sharp)
         return bm.color.pick_colors(sharp, x, y, *radius)
+
+
+def stated_model(colors: Sequence[str]) -> bm.ColorModel:
+    """The model of a file, or of hex colors."""
+    if kind_of_color(colors[0]) == "file":
+        return bm.read_color_model(colors[0])
+    return bm.ColorModel.from_hex(*colors)
 
 
 def kind_of_color(color: str) -> str:
