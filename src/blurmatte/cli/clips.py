@@ -12,7 +12,6 @@ from typing import Any
 import blurmatte as bm
 from blurmatte.cli.console import about, answer, complain, in_degrees, waiting
 from blurmatte.cli.quantities import Direction
-from blurmatte.cli.selection import stated_model
 from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
 from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import clip_in_words, summary_in_words
@@ -159,10 +158,3 @@ def check_times(known: KnownQuantities, rate: float | None, rows: int) -> None:
             "give --exposure with its unit, like 4ms, or the true --rate: "
             f"{exposure[0]:g} s is longer than a frame, {1 / rate:.3g} s"
         )
-
-
-def given_color(text: str | None) -> bm.ColorModel | None:
-    """The color model of --color; None: it is to be found."""
-    if text is None:
-        return None
-    return bm.ColorModel.any() if text == "any" else stated_model([text])

@@ -24,7 +24,7 @@ from blurmatte.cli.quantities import (
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading
+from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading, stated_model
 from blurmatte.formats import TRACKER, TRACKER_ENDINGS, TRACKMATE
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ def track(
     if followed.several and out is not None and out.name.lower().endswith(TRACKER):
         raise ValueError(f"{out}: holds one object; write {TRACKMATE}, or follow without --several")
     check_file(overlay, "a sheet", *SHEET)
-    from blurmatte.cli.clips import Tracking, check_times, given_color  # imports all of the library
+    from blurmatte.cli.clips import Tracking, check_times  # imports all of the library
     from blurmatte.motion.clip.steps import ClipInputs
 
     source, known = Path(clip[0]), physics.known
@@ -177,10 +177,17 @@ def track(
     inputs = ClipInputs(
         frames,
         None if plate is None else reading.read(plate),
-        given_color(followed.color),
+        _color(followed.color),
         followed.several,
         rate=chosen.rate,
         min_frames=followed.least or 3,
     )
     task = Tracking(source, frames, inputs, known, readout, out, unfinished)
     task.answer(task.measured(run.workers, files, settings), overlay, as_json)
+
+
+def _color(text: str | None) -> bm.ColorModel | None:
+    """The color model of --color; None: it is to be found."""
+    if text is None:
+        return None
+    return bm.ColorModel.any() if text == "any" else stated_model([text])
