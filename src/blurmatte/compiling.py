@@ -12,10 +12,14 @@ from pathlib import Path
 from threading import RLock
 from typing import Any
 
+import numpy as np
+
 from blurmatte.errors import warn
 
 _DIGEST = hashlib.sha256().digest_size
 _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}  # of all kernels
+# With numbers of Python, kernels for 32-bit floats would compute in doubles.
+ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 FAST_MATH = {"nsz", "arcp", "contract", "reassoc"}  # infinity and NaN stay as they are
 
 

@@ -9,13 +9,12 @@ camera does not show; they count neither for a mode nor against it.
 
 import numpy as np
 
-from blurmatte.compiling import FAST_MATH, njit
+from blurmatte.compiling import FAST_MATH, ONE, TWO, ZERO, njit
 
 _NEAR = np.float32(16)  # D of agreeing lights; noise exceeds it once in 900 times
 _CLOSE = np.float32(4)  # D of the densest samples: slowly moving light has fewer of them
 UNSEEN = -8192.0  # light of pixels that a frame does not show; exact in half precision
 MIN_SEEN = np.float32(-1024)  # that of any other, over its gain
-_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
 @njit(fastmath=FAST_MATH)
@@ -38,13 +37,13 @@ def find_unclipped(codes, white, valid):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", fastmath=FAST_MATH)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
-    x = max(light, _ZERO)
+    x = max(light, ZERO)
     return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
 
 
 @njit(inline="always", fastmath=FAST_MATH)
 def _precision(light, noise, channel, spread):  # type: ignore[no-untyped-def]
-    return _ONE / (spread * _variance(light, noise, channel))
+    return ONE / (spread * _variance(light, noise, channel))
 
 
 @njit(fastmath=FAST_MATH)
@@ -74,14 +73,14 @@ def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
             if samples[k, i, 0] < MIN_SEEN:
                 continue
             if before >= 0:
-                D[pairs] = _ZERO
+                D[pairs] = ZERO
                 for c in range(3):
                     x, y = samples[before, i, c], samples[k, i, c]
-                    D[pairs] += (y - x) ** 2 * _precision((x + y) / _TWO, noise, c, _TWO)
+                    D[pairs] += (y - x) ** 2 * _precision((x + y) / TWO, noise, c, TWO)
                 pairs += 1
             before = k
         low = int(0.2 * pairs)  # a pixel that is rarely free has at least these
-        out[i] = _smallest(D[:pairs], low) / np.float32(1.005) if pairs else _ONE
+        out[i] = _smallest(D[:pairs], low) / np.float32(1.005) if pairs else ONE
 
 
 @njit(fastmath=FAST_MATH)
@@ -90,9 +89,9 @@ def _best(x, y, z, count, noise, restless):  # type: ignore[no-untyped-def]
     best, most = 0, 0
     for i in range(count):
         a, b, c = x[i], y[i], z[i]
-        u = _precision(a, noise, 0, _TWO * restless)
-        v = _precision(b, noise, 1, _TWO * restless)
-        w = _precision(c, noise, 2, _TWO * restless)
+        u = _precision(a, noise, 0, TWO * restless)
+        v = _precision(b, noise, 1, TWO * restless)
+        w = _precision(c, noise, 2, TWO * restless)
         close = 0
         for j in range(count):
             d = (x[j] - a) ** 2 * u + (y[j] - b) ** 2 * v + (z[j] - c) ** 2 * w
@@ -111,11 +110,11 @@ def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untype
     The others move to the front. The first mean is of those near a noisy sample: twice the variance.
     """
     a, b, c, near = x[at], y[at], z[at], 0
-    for spread in (_TWO, _ONE, _ONE):
+    for spread in (TWO, ONE, ONE):
         u = _precision(a, noise, 0, spread * restless)
         v = _precision(b, noise, 1, spread * restless)
         w = _precision(c, noise, 2, spread * restless)
-        p, q, r, near = _ZERO, _ZERO, _ZERO, 0
+        p, q, r, near = ZERO, ZERO, ZERO, 0
         for j in range(count):
             d = (x[j] - a) ** 2 * u + (y[j] - b) ** 2 * v + (z[j] - c) ** 2 * w
             far[j] = d > _NEAR
@@ -143,7 +142,7 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
     x, y, z = np.zeros(most, np.float32), np.zeros(most, np.float32), np.zeros(most, np.float32)
     far = np.empty(most, np.bool_)
     for i in range(samples.shape[1]):
-        count, x[0], y[0], z[0] = 0, _ZERO, _ZERO, _ZERO  # the light of pixels that no frame shows
+        count, x[0], y[0], z[0] = 0, ZERO, ZERO, ZERO  # the light of pixels that no frame shows
         for k in range(most):
             if samples[k, i, 0] >= MIN_SEEN:
                 x[count], y[count], z[count] = samples[k, i, 0], samples[k, i, 1], samples[k, i, 2]
@@ -151,7 +150,7 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
         at = _best(x, y, z, count, noise, restless[i])
         a, b, c, n, left = _settle(x, y, z, count, noise, restless[i], at, far)
         mode[i, 0], mode[i, 1], mode[i, 2], near[i] = a, b, c, n
-        rival[i, 0], rival[i, 1], rival[i, 2] = -_ONE, -_ONE, -_ONE
+        rival[i, 0], rival[i, 1], rival[i, 2] = -ONE, -ONE, -ONE
         if left > min_rival_ratio * n:
             at = _best(x, y, z, left, noise, restless[i])
             a, b, c, n, left = _settle(x, y, z, left, noise, restless[i], at, far)
@@ -161,7 +160,7 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
 @njit(fastmath=FAST_MATH)
 def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
     """Mark the pixels of a frame that disagree with the mode; light (n, 3), off (n,) uint8."""
-    g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
+    g, h, k = ONE / gain[0], ONE / gain[1], ONE / gain[2]
     for i in range(off.shape[0]):
         d = (
             (light[i, 0] * g - mode[i, 0]) ** 2 * precision[i, 0]
@@ -202,10 +201,10 @@ def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # typ
     clipped ones of these and ones close to the mode; frames close to the rival; frames that show it.
     """
     mode, precision, rival = modes
-    g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
+    g, h, k = ONE / gain[0], ONE / gain[1], ONE / gain[2]
     for i in range(off.shape[0]):
         counts[i, 5] += light[i, 0] >= MIN_SEEN
-        if off[i] and rival[i, 0] >= _ZERO:
+        if off[i] and rival[i, 0] >= ZERO:
             d = (
                 (light[i, 0] * g - rival[i, 0]) ** 2 * precision[i, 0]
                 + (light[i, 1] * h - rival[i, 1]) ** 2 * precision[i, 1]
@@ -238,6 +237,6 @@ def close_batch(sums, counts, total, batch_squares, batch_products, batch_counts
             total[i, c] += S
             batch_squares[i, c] += S * S
             batch_products[i, c] += S * n
-            sums[i, c] = _ZERO
+            sums[i, c] = ZERO
         batch_counts[i] += n * n
         counts[i, 0] = 0

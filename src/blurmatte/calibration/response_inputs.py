@@ -22,7 +22,6 @@ from blurmatte.radiometry.transfer import Curve
 from blurmatte.statistics import UNIFORM_VARIANCE, robust_std
 
 CELLS = 255  # of a curve: the steps between code values of 8 bits
-_STEP = 1 / CELLS  # of full scale
 # How many places are chosen and needed.
 _MAX_PIXELS = 1_000_000  # evenly spaced pixels from which places are chosen
 _PER_LEVEL = 40  # places for each of 256 levels and each channel
@@ -141,7 +140,7 @@ class Places:
 
     def shared(self) -> bool:
         """True if enough of them are usable in two pictures."""
-        shared = np.count_nonzero(self.usable(_STEP), axis=1) >= 2
+        shared = np.count_nonzero(self.usable(1 / CELLS), axis=1) >= 2
         return int(np.sum(shared)) >= MIN_SHARED
 
     @property
@@ -150,7 +149,7 @@ class Places:
 
     def check_shared(self, bracket: Bracket) -> None:
         """Raise ResponseError unless successive pictures share places and get brighter."""
-        inside = self.usable(_STEP)
+        inside = self.usable(1 / CELLS)
         for first, second in pairwise(range(len(bracket.names))):
             names = f"{bracket.names[first]} and {bracket.names[second]}"
             both = inside[:, first] & inside[:, second]
@@ -160,7 +159,7 @@ class Places:
                     "clipped the other is; take pictures with exposures in between"
                 )
             rise = float(np.median(self.codes[both, second] - self.codes[both, first]))
-            if rise < _STEP and bracket.times[second] > 1.05 * bracket.times[first]:
+            if rise < 1 / CELLS and bracket.times[second] > 1.05 * bracket.times[first]:
                 raise ResponseError(
                     f"{names} are equally bright, or the second darker, although it was exposed "
                     "longer; check the exposure times, and that aperture, ISO and light stayed"

@@ -25,7 +25,7 @@ import numpy as np
 from blurmatte.checks import Box, Codes, Codes8, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import MARGIN_PX
-from blurmatte.compiling import FAST_MATH, njit
+from blurmatte.compiling import FAST_MATH, ONE, TWO, ZERO, njit
 from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.maps import (
     MAX_CHI2,
@@ -42,7 +42,6 @@ from blurmatte.radiometry import Noise, NoiseModel
 # Without "nnan" and "ninf": the error of a pixel without information is infinite and must stay so.
 _FAST_MATH = FAST_MATH | {"afn"}
 
-_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _INFINITE = np.float32(np.inf)
 _TINY = np.float32(1e-30)  # keeps 0/0 at 0 where the plate is black; far below any A
 
@@ -217,7 +216,7 @@ def _coefficients(noise: Noise | Floats, dtype: np.dtype[Any]) -> tuple[Any, ...
 
 @njit(inline="always", fastmath=_FAST_MATH)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
-    x = max(light, _ZERO)
+    x = max(light, ZERO)
     return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
 
 
@@ -233,7 +232,7 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
 
     # The plate's noise counts by 1 − α. An unweighted fit of α is accurate enough for a weight.
     plain = (b1 * d1 + b2 * d2) / (b1 * b1 + b2 * b2 + _TINY)
-    through = _ONE - min(max(plain, _ZERO), _ONE)
+    through = ONE - min(max(plain, ZERO), ONE)
     s0 = vC[0] + through * through * vB[0]
     s1 = vC[1] + through * through * vB[1]
     s2 = vC[2] + through * through * vB[2]
@@ -249,23 +248,23 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
     crossed = d1 * b2 - d2 * b1
     chi2 = crossed * crossed / A
 
-    inverse = _ONE / det
+    inverse = ONE / det
     r1, r2 = alpha * b1 - d1, alpha * b2 - d2  # Nᵀ(C − (1 − α)B): residual across the model
     g1, g2 = (S22 * r1 - S12 * r2) * inverse, (S11 * r2 - S12 * r1) * inverse
     f1, f2 = w1 * inverse, w2 * inverse
-    t = _ONE - alpha
+    t = ONE - alpha
     P0 = C[0] - t * B[0] - s0 * (n00 * g1 + n10 * g2)
     P1 = C[1] - t * B[1] - s1 * (n01 * g1 + n11 * g2)
     P2 = C[2] - t * B[2] - s2 * (n02 * g1 + n12 * g2)
     m0 = B[0] - s0 * (n00 * f1 + n10 * f2)
     m1 = B[1] - s1 * (n01 * f1 + n11 * f2)
     m2 = B[2] - s2 * (n02 * f1 + n12 * f2)
-    q0 = S22 * n00 * n00 - _TWO * S12 * n00 * n10 + S11 * n10 * n10
-    q1 = S22 * n01 * n01 - _TWO * S12 * n01 * n11 + S11 * n11 * n11
-    q2 = S22 * n02 * n02 - _TWO * S12 * n02 * n12 + S11 * n12 * n12
-    v0 = max(s0 - s0 * s0 * q0 * inverse, _ZERO) + m0 * m0 * variance
-    v1 = max(s1 - s1 * s1 * q1 * inverse, _ZERO) + m1 * m1 * variance
-    v2 = max(s2 - s2 * s2 * q2 * inverse, _ZERO) + m2 * m2 * variance
+    q0 = S22 * n00 * n00 - TWO * S12 * n00 * n10 + S11 * n10 * n10
+    q1 = S22 * n01 * n01 - TWO * S12 * n01 * n11 + S11 * n11 * n11
+    q2 = S22 * n02 * n02 - TWO * S12 * n02 * n12 + S11 * n12 * n12
+    v0 = max(s0 - s0 * s0 * q0 * inverse, ZERO) + m0 * m0 * variance
+    v1 = max(s1 - s1 * s1 * q1 * inverse, ZERO) + m1 * m1 * variance
+    v2 = max(s2 - s2 * s2 * q2 * inverse, ZERO) + m2 * m2 * variance
     return alpha, variance, chi2, P0, P1, P2, v0, v1, v2
 
 
@@ -274,7 +273,7 @@ def _store(i, answer, max_std, maps):  # type: ignore[no-untyped-def]
     alpha, alpha_std, P, P_std, quality = maps
     a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
     std = np.sqrt(variance)
-    lost = _ZERO if quality[i] & _UNKNOWN == 0 else _INFINITE
+    lost = ZERO if quality[i] & _UNKNOWN == 0 else _INFINITE
     alpha[i], alpha_std[i] = a, std + lost
     P[3 * i], P[3 * i + 1], P[3 * i + 2] = P0, P1, P2
     P_std[3 * i] = np.sqrt(v0) + lost
@@ -283,7 +282,7 @@ def _store(i, answer, max_std, maps):  # type: ignore[no-untyped-def]
     reach = _MAX_RANGE_STDS * std
     quality[i] |= (
         (std > max_std) * _PLATE_IN_MODEL
-        | ((a < -reach) | (a > _ONE + reach)) * _OUT_OF_RANGE
+        | ((a < -reach) | (a > ONE + reach)) * _OUT_OF_RANGE
         | (chi2 > _MAX_CHI2) * _MISFIT
     )
 

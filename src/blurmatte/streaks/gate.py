@@ -17,13 +17,14 @@ import scipy
 from blurmatte.checks import Bools, Box, Floats32, check_same_size, enclosing
 from blurmatte.compiling import njit
 from blurmatte.radiometry.coded import CodedFrame, Planes
+from blurmatte.radiometry.compression import BLOCK
 from blurmatte.statistics import MAD_TO_STD, block_sums
 
 CELL = 2  # pixels: half resolution
 
 
 # Thresholds of the differences, and the boxes around what moved.
-_BLOCK_CELLS = 4
+_BLOCK_CELLS = BLOCK // CELL
 _STRIP_CELLS = 256  # rows that are compared at a time: whole blocks
 _MAX_STD = 5.0  # of d without motion
 _MIN_CELL_CODES = 3.0  # |d|: video rounds a block up or down by a few codes
