@@ -35,7 +35,7 @@ _SRGB_TO_XYZ = np.array(
 Chromaticities = tuple[float, ...]
 
 _D65, _C, _D60 = (0.3127, 0.3290), (0.310, 0.316), (0.32168, 0.33767)
-_BT709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *_D65)
+BT709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, *_D65)
 _SMPTE170M = (0.630, 0.340, 0.310, 0.595, 0.155, 0.070, *_D65)
 _BT2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, *_D65)
 _P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060)
@@ -52,7 +52,7 @@ class H273(IntEnum):
 
 # Color primaries of ITU-T H.273, table 2.
 CICP_PRIMARIES: dict[int, Chromaticities] = {
-    1: _BT709,
+    1: BT709,
     4: (0.67, 0.33, 0.21, 0.71, 0.14, 0.08, *_C),
     5: (0.64, 0.33, 0.29, 0.60, 0.15, 0.06, *_D65),
     6: _SMPTE170M,
@@ -66,7 +66,7 @@ CICP_PRIMARIES: dict[int, Chromaticities] = {
 }
 # By the names of the Color Interop Forum: the middle part of lin_ap1_scene.
 INTEROP_PRIMARIES: dict[str, Chromaticities] = {
-    "rec709": _BT709,
+    "rec709": BT709,
     "rec2020": _BT2020,
     "p3d65": (*_P3, *_D65),
     "adobergb": ADOBE_RGB,
@@ -240,7 +240,7 @@ def matrix_to_srgb(chromaticities: Sequence[float]) -> Array | None:
     """
     with np.errstate(all="ignore"):
         try:
-            matrix: Array = np.linalg.inv(_to_xyz(_BT709)) @ _to_xyz(chromaticities)
+            matrix: Array = np.linalg.inv(xyz_of(BT709)) @ xyz_of(chromaticities)
         except np.linalg.LinAlgError as error:
             raise ValueError("are no three colors") from error
     # Beyond any real color space; a matrix like that would make noise of the picture.
@@ -249,7 +249,7 @@ def matrix_to_srgb(chromaticities: Sequence[float]) -> Array | None:
     return None if bool(np.all(np.abs(matrix - np.eye(3)) < SAME_PRIMARIES)) else matrix
 
 
-def _to_xyz(chromaticities: Sequence[float]) -> Array:
+def xyz_of(chromaticities: Sequence[float]) -> Array:
     """Columns: XYZ of red, green and blue, whose sum is white with Y = 1."""
     x, y = np.reshape(np.asarray(chromaticities, dtype=float), (4, 2)).T
     colors = np.stack([x, y, 1 - x - y])

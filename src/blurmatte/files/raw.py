@@ -25,6 +25,7 @@ from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.exif import TiffTag
+from blurmatte.files.icc import BT709, xyz_of
 from blurmatte.formats import MAX_PIXELS
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.noise_model import NoiseModel
@@ -47,14 +48,6 @@ _USED_TAGS = (
 )
 # EXIF orientation of LibRaw's flip: 1 mirrored + 2 upside down + 4 transposed.
 _ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
-# Columns: X, Y and Z (white D65) of the primaries of sRGB [IEC 61966-2-1].
-_SRGB_TO_XYZ = np.array(
-    [
-        [0.4124564, 0.3575761, 0.1804375],
-        [0.2126729, 0.7151522, 0.0721750],
-        [0.0193339, 0.1191920, 0.9503041],
-    ]
-)
 _CONVERT = "convert it to DNG (e.g. with Adobe's free DNG Converter) or to 16-bit linear TIFF"
 
 
@@ -265,7 +258,7 @@ def _to_srgb(raw: Any, balance: tuple[float, float, float] | None) -> Matrix3 | 
     matrix = np.array(raw.color_matrix, dtype=float)[:, :3]
     from_xyz = np.array(raw.rgb_xyz_matrix, dtype=float)[:3]
     if not matrix.any() and np.linalg.matrix_rank(from_xyz) == 3:
-        of_srgb = from_xyz @ _SRGB_TO_XYZ
+        of_srgb = from_xyz @ xyz_of(BT709)
         matrix = np.linalg.inv(of_srgb / of_srgb.sum(axis=1, keepdims=True))
     if not (matrix.any() and np.isfinite(matrix).all()):
         matrix = np.eye(3)
