@@ -81,6 +81,16 @@ def test_error_of_the_sum_is_that_of_the_mixture():
     assert_allclose(average.sum_std**2, expected)
 
 
+def test_an_uncertain_hypothesis_that_agrees_adds_no_variance():
+    """exact: if it is the nearest, it is off by no more than the likelier one."""
+    vague = AlphaEstimate(A.alpha, 10 * A.alpha_std, 10 * A.sum_std, 10 * A.scale_std)
+    average = averaged([A, vague], np.array([0.6, 0.4]))
+    assert_allclose(average.alpha_std, A.alpha_std)
+    assert_allclose((average.sum_std, average.scale_std), (A.sum_std, A.scale_std))
+    average = averaged([A, vague], np.array([0.4, 0.6]))
+    assert np.all(average.alpha_std > 5 * A.alpha_std)
+
+
 def test_average_does_not_depend_on_the_order():
     """invariant"""
     one, other = averaged([A, B], np.array([0.3, 0.7])), averaged([B, A], np.array([0.7, 0.3]))

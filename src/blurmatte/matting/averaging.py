@@ -5,9 +5,11 @@ With weights w_k, alphas α_k and their variances V_k, alpha of a pixel is the i
 hypotheses of small weight that are far from the others, and unlike a median it averages those that
 agree. Its error is the root mean square about it,
 
-    Var α = Σ w_k (V_k + (α_k − α)²),
+    Var α = Σ w_k (V_k' + (α_k − α)²),    V_k' = min_j (V_j + (α_j − α_k)²),
 
-and the same for the sum of alpha over all pixels.
+and the same for the sum of alpha over all pixels. A weight is the probability that α_k is the nearest
+to the truth; then it is off by no more than any other is. The minimum is over hypotheses of at least
+the weight of k.
 
 Alpha is a fraction. One of which nothing is known has the mean 1/2 and the variance 1/12, so its
 estimate a is off by √(1/12 + (a − 1/2)²), root mean square. `as_fraction` gives estimates, and
@@ -23,6 +25,7 @@ from blurmatte.checks import Array, Floats
 from blurmatte.statistics import UNIFORM_VARIANCE
 
 MIN_WEIGHT = 0.01  # of a hypothesis that may be right
+_MIN_SUM = 1e-9  # of alpha, to which errors are relative
 QUARTILE = 0.25  # of the weight at both ends, which the mean leaves out
 
 _UNKNOWN_STD = float(np.sqrt(UNIFORM_VARIANCE))  # of a fraction of which nothing is known
@@ -48,19 +51,32 @@ def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimat
     The boxes are the same, and the weights sum to 1.
     """
     w, alphas, stds = _known(estimates, weights)
-    alpha = np.asarray((_middle(alphas, w) * alphas).sum(axis=0))
-    variance = (w * (stds**2 + (alphas - alpha) ** 2)).sum(axis=0)
-    sums = alphas.sum(axis=(1, 2))
-    scales = np.array([one.scale_std for one in estimates])
-    own = np.array([one.sum_std for one in estimates])
     weights = _counted(weights)
-    of_sum = weights @ (own**2 + (sums - alpha.sum()) ** 2)
+    alpha = np.asarray((_middle(alphas, w) * alphas).sum(axis=0))
+    variance = (w * (_least_variance(alphas, stds**2, w) + (alphas - alpha) ** 2)).sum(axis=0)
+    sums, total = alphas.sum(axis=(1, 2)), alpha.sum()
+    own = np.square([one.sum_std for one in estimates])
+    of_sum = weights @ (_least_variance(sums, own, weights) + (sums - total) ** 2)
+    factors, scales = sums / max(total, _MIN_SUM), np.square([one.scale_std for one in estimates])
     return AlphaEstimate(
         alpha,
         np.where(w.any(axis=0), np.sqrt(variance), np.inf),
         float(np.sqrt(of_sum)),
-        float(np.sqrt(weights @ scales**2)),
+        float(np.sqrt(weights @ _least_variance(factors, scales, weights))),
     )
+
+
+def _least_variance(values: Array, variance: Array, weights: Array) -> Array:
+    """(n, ...) variance of values if each is the nearest to the truth, and theirs is `variance`.
+
+    The nearest is off by no more than any other, so that its variance is no more than that of another,
+    of at least the same weight, about it.
+    """
+    least = variance.copy()
+    for value, known, weight in zip(values, variance, weights, strict=True):
+        about = known + (value - values) ** 2
+        least = np.where((weight >= weights) & (weight > 0), np.minimum(least, about), least)
+    return least
 
 
 def middle_weights(estimates: Sequence[AlphaEstimate], weights: Array) -> Array:

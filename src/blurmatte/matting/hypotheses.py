@@ -293,7 +293,8 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
     if untried:
         because = ["time", *because]
-        grade = Grade.PLAUSIBLE if grade is Grade.CONFIRMED else grade
+    if (untried or gray) and grade is Grade.CONFIRMED:
+        grade = Grade.PLAUSIBLE  # errors are calibrated on pictures in color, with all hypotheses
     # The maps have no other place for an error that may be larger than all others.
     alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
     average = with_bounded_errors(replace(average, alpha_std=alpha_std))
