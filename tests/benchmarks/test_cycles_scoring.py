@@ -91,7 +91,7 @@ def test_errors_equal_those_computed_directly(root, outcome):
     std = np.sqrt(solution.alpha_std**2 + (solution.stats.alpha_scale_std * solution.alpha) ** 2)
     z = (solution.alpha - true)[known] / np.sqrt(std[known] ** 2 + TRUTH_STD**2)
     summed = solution.streak & solution.known
-    sum_error = solution.alpha[summed].sum() - true[summed].sum()
+    sum_error = solution.alpha[summed].sum(dtype=float) - true[summed].sum()
     stats = solution.stats
     sum_variance = stats.sum_alpha_std**2 + TRUTH_STD**2 * summed.sum()
     light = (solution.premultiplied - truth.layer.premultiplied)[known]
