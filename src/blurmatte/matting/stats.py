@@ -304,7 +304,7 @@ class SolutionStats:
     >>> print(f"alpha within {numbers.alpha_error:.3f}")
     alpha within 0.004
     >>> numbers.grade_reasons
-    ('shape', 'disagreement')
+    ('shape',)
     """
 
     pixels: _Count | None = None
