@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.rendering.flat_bodies import Cube
 from blurmatte.rendering.lighting import Lamp
-from blurmatte.rendering.pose import Change, Pose
+from blurmatte.rendering.pose import AT_REST, Change, Pose
 
 CYAN = np.array([0.05, 0.55, 0.6])
 SIX = np.random.default_rng(1).uniform(0.1, 1, (6, 3))
@@ -132,8 +132,7 @@ def test_six_colors_span_rgb():
 
 
 def test_a_lamp_from_the_camera_shows_the_face_at_rest_in_its_color():
-    at_rest = Pose(np.eye(3), np.eye(2))
-    light = Cube(9, CYAN, 0.2, (Lamp((0, 0, 1)),)).sharp(np.zeros(1), np.zeros(1), at_rest)[1]
+    light = Cube(9, CYAN, 0.2, (Lamp((0, 0, 1)),)).sharp(np.zeros(1), np.zeros(1), AT_REST)[1]
     assert_allclose(light[0, 0], CYAN)
 
 

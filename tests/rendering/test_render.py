@@ -10,7 +10,7 @@ from blurmatte.layer import Layer
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.rendering.flat_bodies import Cube, Sheet, Sprite
 from blurmatte.rendering.plates import wire_fence
-from blurmatte.rendering.pose import Change, Pose
+from blurmatte.rendering.pose import AT_REST, Change
 from blurmatte.rendering.render import filter_margin, filter_peak, filter_weights, filtered_body
 from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
@@ -358,9 +358,7 @@ def test_sums_are_preserved(name):
 
 
 def test_pixels_within_the_body_are_covered():
-    coverage, light = filtered_body(
-        Ball(9, ORANGE, ambient=1), X, Y, Pose(np.eye(3), np.eye(2)), 2.4
-    )
+    coverage, light = filtered_body(Ball(9, ORANGE, ambient=1), X, Y, AT_REST, 2.4)
     inside = np.hypot(X, Y[:, None]) < 9 - 1.2 * np.sqrt(2)
     assert inside.sum() > 100
     assert_allclose(coverage[inside], 1, rtol=1e-13)

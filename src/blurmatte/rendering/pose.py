@@ -54,6 +54,9 @@ class Pose:
         return Pose(self.rotation, factor * self.stretch, view)
 
 
+AT_REST = Pose(np.eye(3), np.eye(2))
+
+
 @dataclass(frozen=True)
 class Change:
     """Rotation, growth and deformation of a body, each linear in time over the exposure.
