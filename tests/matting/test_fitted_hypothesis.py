@@ -57,18 +57,17 @@ def wall():
 def test_the_color_errs_as_alpha_does(wall):
     """invariant: by the factor of alpha's calibration, and toward the plate as the sum of alpha."""
     _, _, plate, solution = wall
-    stats, color = solution.stats, solution.model
-    factor = stats.alpha_error / stats.claimed_error
-    assert factor > 1.25
-    # The opacity before one hue is open, which adds to the error of alpha alone.
-    of_fit = np.radians(factor / 1.1 * solution.sweep.model.angle_std)
+    stats, color, fitted = solution.stats, solution.model, solution.sweep.model
     behind = np.tensordot(np.clip(solution.alpha, 0, 1), plate.rgb, 2) / solution.alpha.sum()
     across = behind - (behind @ color.pole) * color.pole
     by_sum = stats.sum_alpha_std / stats.sum_alpha * across / np.linalg.norm(color.mean)
     toward = across / np.linalg.norm(across)
-    assert_allclose(toward @ color.covariance @ toward, by_sum @ by_sum, rtol=0.3)
-    assert color.angle_std >= 0.9 * np.degrees(max(of_fit, np.linalg.norm(by_sum)))
-    assert color.angle_std <= 1.2 * np.degrees(np.hypot(of_fit, np.linalg.norm(by_sum)))
+    normal = np.cross(color.pole, toward)
+    factor = np.sqrt((normal @ color.covariance @ normal) / (normal @ fitted.covariance @ normal))
+    assert factor > 1.5
+    of_fit = factor**2 * (toward @ fitted.covariance @ toward)
+    of_sum, whole = by_sum @ by_sum, toward @ color.covariance @ toward
+    assert max(of_sum, of_fit) <= whole <= 1.01 * (of_sum + of_fit)
 
 
 def test_a_ball_before_one_hue_is_confirmed(wall):

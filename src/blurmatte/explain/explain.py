@@ -122,10 +122,10 @@ def explain(thing: object) -> list[str]:
     ...     print(sentence)
     Measured from the shape on a path that explains the streak: a disc on a straight line at
     constant speed.
-    Mean position of its center: x 58.944 ± 0.038, y 37.027 ± 0.013 px.
-    Size: radius 9.9935 ± 0.0098 px (of a disc of its area, 313.75 ± 0.62 px), 19.987 ± 0.020 px
+    Mean position of its center: x 58.94 ± 0.12, y 37.027 ± 0.041 px.
+    Size: radius 9.994 ± 0.029 px (of a disc of its area, 313.8 ± 1.9 px), 19.987 ± 0.059 px
     wide across its path.
-    It went 59.644 ± 0.080 px in the direction 13.584 ± 0.031° from right towards up (right), or
+    It went 59.64 ± 0.28 px in the direction 13.58 ± 0.10° from right towards up (right), or
     the opposite one: one picture does not determine which.
     """
     for kind, words in _WORDS.items():

@@ -152,7 +152,7 @@ class Answer:
     chosen : Solver or None
         The solver of the largest weight, of one that averages several.
     error_factor : float
-        By which the calibrated error exceeds the claimed one, 1 or more.
+        By which the calibrated error exceeds the claimed one of the likeliest shape, 1 or more.
     between : (n, n) float, optional
         Covariance of the parameters of the likeliest shape between the shapes that were averaged.
     errors_like : "Pixelwise" or "Smooth"

@@ -280,6 +280,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     summaries = list(compress(found.summaries, found.possible))
     terms = error_terms(average, estimates, summaries, sweep.diagnostics, exact)
     claim, compressed = claimed_error(average), case.is_compressed
+    of_shape = claimed_error(found.estimates[0])
     gray = fitted.image.meta.one_channel
     average = calibrated(average, estimates, terms, compressed, exact)
     error = claimed_error(average)
@@ -319,7 +320,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
         untried=untried,
     )
     locates = found.best.has_shape
-    solver, factor = Swept() if locates else Smooth(), max(error / claim, 1.0)
+    solver, factor = Swept() if locates else Smooth(), max(error / of_shape, 1.0)
     assert fitted.hypotheses is not None
     between = found.between_shapes(fitted.hypotheses.observation)
     return Answer(

@@ -70,7 +70,7 @@ class Scale:
     >>> print(f"{1000 * scale.meters_per_pixel:.2f} mm a pixel")
     2.00 mm a pixel
     >>> print(motion.speed(scale, exposure_time=1 / 60).in_unit("km/h"))
-    Speed(25.78 ± 0.044 km/h)
+    Speed(25.78 ± 0.14 km/h)
     """
 
     meters_per_pixel: float
@@ -157,10 +157,10 @@ class Speed:
     --------
     >>> speed = motion.speed(exposure_time=1 / 60)
     >>> print(speed)
-    Speed(3579 ± 4.8 px/s)
+    Speed(3579 ± 17 px/s)
     >>> scale = bm.Scale.from_radius(motion, 0.02)
     >>> print(motion.speed(scale, exposure_time=1 / 60).in_unit("km/h"))
-    Speed(25.78 ± 0.044 km/h)
+    Speed(25.78 ± 0.14 km/h)
     """
 
     mean: float
