@@ -671,8 +671,13 @@ def _quick_disc(
 def _patterned(
     disc: State, likeliest: Candidate, bounds: tuple[float, float], image: LinearImage
 ) -> tuple[Sweep, Evidence] | None:
-    """A disc with a pattern, and the evidence for it, if the likeliest shape is not fitted to hue."""
+    """A disc with a pattern, and the evidence for it, if the likeliest shape is not fitted to hue.
+
+    A shape whose colors vary needs no pattern.
+    """
     if has_pattern(disc) or not may_have_pattern(disc) or likeliest.cast is not None:
+        return None
+    if likeliest.state.observation.color.varied > 1:
         return None
     if fitted_to_hue(likeliest.state, bounds) is not likeliest.state:
         return None
