@@ -118,7 +118,7 @@ class WeightedHypotheses:
 
     @property
     def scores(self) -> Array:
-        """(n,) negative log of the weights over the largest."""
+        """(n,) differences of evidence from the likeliest, nats, which the weights are made from."""
         return hypothesis_scores([one.evidence for one in self.all])
 
     def shape_log_odds(self) -> tuple[float, float]:
