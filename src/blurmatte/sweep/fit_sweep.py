@@ -808,7 +808,8 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
         return Evidence(state.cost, state.variance_inflation, candidate.parameters, pixels)
     if candidate.cast is not None:
         observation = in_shadow(observation, state, candidate.cast)
-    evidence = evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)
+    motion = state.family.motion(state.path, observation.scale)
+    evidence = evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters, motion)
     prior = observation.prior
     if prior is None:
         return evidence

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color.model import ColorModel
-from blurmatte.sweep.model.color_field import ColorPrior, Grid, fit_field
+from blurmatte.sweep.model.color_field import ColorPrior, Grid, fit_field, stiffness_of
 from blurmatte.sweep.model.student_t import student_weight
 
 SHAPE = 17, 22
@@ -68,11 +68,12 @@ def test_hats_of_all_touched_nodes_sum_to_one():
 
 
 @pytest.mark.parametrize("transposed", [False, True])
-def test_differences_are_those_of_adjacent_nodes(transposed):
+def test_differences_without_motion_are_those_of_adjacent_nodes(transposed):
     _, alpha, _ = picture()
     grid = Grid.over(alpha.T if transposed else alpha, PITCH)
     k = np.random.default_rng(1).normal(size=grid.size)
-    i, j = grid.neighbors
+    i, j, way = grid.neighbors
+    i, j = i[way < 2], j[way < 2]
     assert_allclose(k @ dense(grid.differences()) @ k, np.sum((k[i] - k[j]) ** 2))
     number = grid.number
     adjacent = [(number[:-1], number[1:]), (number[:, :-1], number[:, 1:])]
@@ -83,6 +84,32 @@ def test_differences_are_those_of_adjacent_nodes(transposed):
         if min(a, b) >= 0
     }
     assert {*zip(i, j, strict=True)} == expected
+
+
+@pytest.mark.parametrize("degrees", [0, 45, 90, 135])
+def test_color_is_stiffer_along_the_motion_alone(degrees):
+    """exact: a gradient across costs as much as at rest; along, more as the square of the length."""
+    angle = np.radians(degrees)
+    along, across = np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
+
+    def cost(gradient, length):
+        """Of a linear function in one cell."""
+        ways = np.array([[1, 0], [0, 1], [1, 1], [-1, 1]])
+        weights = stiffness_of(length**2 * np.outer(along, along), PITCH)
+        return weights @ (ways @ gradient) ** 2
+
+    assert_allclose(cost(across, 50.0), 1, rtol=1e-9)
+    assert_allclose(cost(along, 0.0), 1, rtol=1e-9)
+    assert_allclose(cost(along, 50.0) - 1, 4 * (cost(along, 25.0) - 1), rtol=1e-9)
+    assert cost(along, 4 * PITCH) > 5
+
+
+def test_stiffness_is_never_negative():
+    """exact: so that every prior is proper. A motion that turns evenly has no direction."""
+    for angle in np.linspace(0, np.pi, 41):
+        direction = np.array([np.cos(angle), np.sin(angle)])
+        assert stiffness_of(1e4 * np.outer(direction, direction), PITCH).min() >= 0
+    assert_allclose(stiffness_of(1e4 * np.eye(2), PITCH), [1, 1, 0, 0], atol=1e-9)
 
 
 @pytest.mark.parametrize("prior", [FREE, ONE_PAINT], ids=["free", "one paint"])

@@ -141,9 +141,10 @@ def test_a_mean_that_is_not_free_is_zero():
 def test_scales_are_those_of_well_known_nodes():
     """oracle: root mean squares where data dominate, without nodes that have no data."""
     rng = np.random.default_rng(0)
-    colors, neighbors = rng.normal(0.5, 0.1, NODES), np.stack([np.arange(11), np.arange(1, 12)])
+    colors, along_a_row = rng.normal(0.5, 0.1, NODES), np.zeros(11, int)
+    neighbors = np.stack([np.arange(11), np.arange(1, 12), along_a_row])
     band, prior = np.zeros((WIDTH, NODES)), np.ones((WIDTH, NODES))
     band[0, :6] = 1e9
-    spread, change = kernel.scales(band, prior, colors, 0.5, neighbors)
+    spread, change = kernel.scales(band, prior, colors, 0.5, neighbors, np.array([1.0, 1, 0, 0]))
     assert_allclose(spread, np.sqrt(np.mean((colors[:6] - 0.5) ** 2)), rtol=1e-6)
     assert_allclose(change, np.sqrt(np.mean(np.diff(colors[:6]) ** 2)), rtol=1e-6)

@@ -172,3 +172,11 @@ def test_starts_along_a_line_are_on_the_line(family):
         assert start.shape == (family.size,)
         across = (xy - A) @ np.array([A[1] - B[1], B[0] - A[0]])
         assert_allclose(across, 0, atol=1e-8)
+
+
+def test_motion_of_a_line_is_its_length_squared_along_it():
+    """exact; a unit twice as large makes it a fourth."""
+    path = np.array([3.0, 4, 33, 44])
+    expected = np.outer([30.0, 40], [30.0, 40])
+    assert_allclose(LINE.motion(path), expected, rtol=1e-12)
+    assert_allclose(LINE.motion(path, 2.0), expected / 4, rtol=1e-12)

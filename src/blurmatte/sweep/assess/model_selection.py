@@ -34,7 +34,7 @@ from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import block_squares
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
-from blurmatte.sweep.model.color_field import ColorField, Light, fit_field
+from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixel_box import means
@@ -68,7 +68,11 @@ class Evidence:
 
 
 def evidence_of(
-    observation: Observation, alpha: Array, alpha_std: Array, parameters: int = 0
+    observation: Observation,
+    alpha: Array,
+    alpha_std: Array,
+    parameters: int = 0,
+    motion: Array = AT_REST,
 ) -> Evidence:
     """The evidence for an alpha.
 
@@ -76,8 +80,9 @@ def evidence_of(
     alpha, alpha_std (h, w): in the observation's pixels; a standard deviation of 0 where alpha has
         a shape, whose error is in its parameters.
     parameters: number of those that were fitted, colors apart.
+    motion (2, 2): mean of v vᵀ, v the velocity in the observation's pixels per exposure.
     """
-    compared = _Compared.of(observation, alpha, alpha_std)
+    compared = _Compared.of(observation, alpha, alpha_std, motion)
     observation = compared.observation
     field, e = compared.fitted(observation.weight)
     cost = float((observation.weight * compared.loss(e)).sum()) + field.cost
@@ -91,12 +96,14 @@ def evidence_of(
     return Evidence(cost, inflation, parameters, float(observation.weight.sum()))
 
 
-def unseen_loss(observation: Observation, alpha: Array, alpha_std: Array) -> float:
+def unseen_loss(
+    observation: Observation, alpha: Array, alpha_std: Array, motion: Array = AT_REST
+) -> float:
     """The loss of blocks of pixels, with colors that were fitted to other blocks.
 
     The parameters are those of `evidence_of`.
     """
-    compared = _Compared.of(observation, alpha, alpha_std)
+    compared = _Compared.of(observation, alpha, alpha_std, motion)
     weight = observation.weight
     row, column = (np.arange(n) // _BLOCK_PX % 2 for n in weight.shape)
     kind, total = 2 * row[:, None] + column, 0.0
@@ -116,29 +123,32 @@ class _Compared:
     observation: Observation  # along the axes of the object's colors
     alpha: Array  # (h, w)
     light: Light  # image, plate, and the variances of both; the first with that by alpha's error
+    motion: Array  # (2, 2)
     normalization: Array  # (h, w) nats: of the loss, for a variance that alpha's error increases
 
     @classmethod
-    def of(cls, observation: Observation, alpha: Array, alpha_std: Array) -> "_Compared":
+    def of(
+        cls, observation: Observation, alpha: Array, alpha_std: Array, motion: Array
+    ) -> "_Compared":
         """The parameters are those of `evidence_of`."""
         if observation.light_alone:
             alpha = alpha / max(float(alpha.max()), 1e-12)
         alpha = np.where(alpha > 0.002, np.clip(alpha, 0, 1), 0)  # less is noise of alpha
         observation = observation.along_colors(alpha)
         C, B, V_C, V_B = observation.light
-        first = cls(observation, alpha, (C, B, V_C, V_B), np.zeros(alpha.shape))
+        first = cls(observation, alpha, (C, B, V_C, V_B), motion, np.zeros(alpha.shape))
         if not alpha_std.any():
             return first
         by_alpha = (first.fitted(observation.weight)[0].mean - B) ** 2
         noise = np.maximum(V_C + (1 - alpha)[..., None] ** 2 * V_B, VARIANCE_FLOOR)
         added = (alpha_std**2)[..., None] * by_alpha
         light = C, B, np.ascontiguousarray(V_C + added), V_B
-        return cls(observation, alpha, light, 0.5 * np.log1p(added / noise).sum(axis=-1))
+        return cls(observation, alpha, light, motion, 0.5 * np.log1p(added / noise).sum(axis=-1))
 
     def fitted(self, weight: Array) -> tuple[ColorField, Array]:
         """Colors that are fitted to pixels of this weight (h, w), and residuals (3, h, w) of all."""
-        observation = self.observation
-        return fit_field(self.light, self.alpha, weight, observation.pitch, observation.color)
+        pitch, color = self.observation.pitch, self.observation.color
+        return fit_field(self.light, self.alpha, weight, pitch, color, motion=self.motion)
 
     def loss(self, e: Array) -> Array:
         """(h, w) nats of residuals (3, h, w)."""
@@ -208,7 +218,7 @@ def with_odds(
     unseen = None
     if not has_pattern:
         observation, alpha = _seen_with(observation, sweep)
-        unseen = unseen_loss(observation, alpha, np.zeros_like(alpha))
+        unseen = unseen_loss(observation, alpha, np.zeros_like(alpha), _motion(sweep, observation))
     return replace(evidence, unseen=unseen, kind=kind)
 
 
@@ -220,6 +230,11 @@ def _seen_with(observation: Observation, sweep: Sweep) -> tuple[Observation, Arr
     radius = float(sweep.shape[0])
     S = sweep.cast.missing(sweep.family, sweep.path, radius, observation.pixels)
     return replace(observation, B=sweep.cast.on(observation.B, S, alpha)), alpha
+
+
+def _motion(sweep: Sweep, observation: Observation) -> Array:
+    """(2, 2) mean of v vᵀ, v the velocity in an observation's pixels per exposure."""
+    return sweep.family.motion(sweep.path, observation.scale)
 
 
 def in_observation(values: Array, observation: Observation) -> Array:
@@ -256,7 +271,8 @@ class Hypotheses:
     def best_evidence(self, observation: Observation) -> Evidence:
         """The evidence for the likeliest in another observation."""
         observation, alpha = _seen_with(observation, self.best)
-        return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
+        motion, fitted = _motion(self.best, observation), self.evidence[0].parameters
+        return evidence_of(observation, alpha, np.zeros_like(alpha), fitted, motion)
 
     def outside_of_best(self, observation: Observation) -> Observation:
         """An observation with no weight where the likeliest has the object."""
@@ -264,11 +280,16 @@ class Hypotheses:
         return replace(observation, weight=np.where(outside, observation.weight, 0))
 
     def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
-        """The evidence for an alpha (H, W) of the whole picture that has no shape."""
+        """The evidence for an alpha (H, W) of the whole picture that has no shape.
+
+        It moved as the likeliest shape did.
+        """
         alpha, alpha_std = (in_observation(x, self.observation) for x in (alpha, alpha_std))
-        return evidence_of(self.observation, alpha, alpha_std)
+        motion = _motion(self.best, self.observation)
+        return evidence_of(self.observation, alpha, alpha_std, motion=motion)
 
     def unseen_loss(self, alpha: Array, alpha_std: Array) -> float:
         """As the function of that name, of an alpha (H, W) of the whole picture."""
         alpha, alpha_std = (in_observation(x, self.observation) for x in (alpha, alpha_std))
-        return unseen_loss(self.observation, alpha, alpha_std)
+        motion = _motion(self.best, self.observation)
+        return unseen_loss(self.observation, alpha, alpha_std, motion)

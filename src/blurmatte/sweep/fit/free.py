@@ -206,7 +206,8 @@ class _Problem:
         observation, alpha = self.observation, np.clip(self.alpha, 0, 1)
         shown = np.where(alpha > _SHOWN, alpha, 0)
         known = observation.light, shown, observation.weight, observation.pitch, observation.color
-        field, _ = fit_field(*known, observation.of_none[0])
+        motion = self.family.motion(self.path, observation.scale)
+        field, _ = fit_field(*known, observation.of_none[0], motion)
         solid = alpha > 10 * _SHOWN
         light = field.light(shown) / np.where(solid, alpha, 1)[..., None]
         color = np.where(solid[..., None], light, field.mean) @ observation.color.axes.T

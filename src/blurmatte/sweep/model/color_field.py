@@ -1,6 +1,7 @@
 """The colors of an object that moves, as a Gaussian random field over the picture.
 
-Motion blurs the texture of an object, so that its color changes little within a fraction of its radius.
+Motion blurs the texture of an object, so that its color changes little within a fraction of its radius,
+and least along the motion: what a pixel shows is a mean over the part of the object that passed it.
 In this file α k is the light of the object, k = Σ_j φ_j k_j with bilinear hats φ_j
 around the nodes j of a grid, and along each axis c of color space (`ColorPrior`)
 
@@ -8,9 +9,13 @@ around the nodes j of a grid, and along each axis c of color space (`ColorPrior`
 
 is the residual. The nodes' colors have the prior density of
 
-    Σ |k_i − k_j|²/(2 τ²) + Σ |k_j − m|²/(2 κ²)
+    Σ w |k_i − k_j|²/(2 τ²) + Σ |k_j − m|²/(2 κ²)
 
-along each axis, the first sum over neighbors. The mean m is free; κ, the spread about it, and τ, the
+along each axis, the first sum over pairs of nodes of one cell. The weights w are those of finite
+differences of ∇kᵀ M ∇k. Without motion M is 1 and w is 1 of neighbors. A pixel that the object passed
+by a length L shows k (s) = ∫ k₀(s − u) du / L; from node to node of pitch p that changes by
+(k₀(s) − k₀(s − L)) p/L, of the variance 2 κ² p²/L². So the stiffness M along the motion is larger by
+L² τ²/(2 p² κ²). The mean m is free; κ, the spread about it, and τ, the
 change from node to node, are estimated. An object of one paint has a spread along its own color
 alone, for shading varies; one of two paints, or in the light of two lamps, along two axes. The cost
 includes the volume of the posterior: it is the negative log marginal likelihood of alpha, and the
@@ -31,6 +36,7 @@ from blurmatte.sweep.model import color_field_kernel
 from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
 Light = tuple[Array, Array, Array, Array]
+AT_REST = np.zeros((2, 2))  # the `motion` of `fit_field`
 
 # Settings of the fit of a field.
 _ROUNDS = 4  # of the colors, then their spread and the pixels' weights
@@ -38,6 +44,8 @@ _ROUNDS = 4  # of the colors, then their spread and the pixels' weights
 _FIRST_SPREAD = (0.5, 0.2, 0.2)
 _MIN_SPREAD = 0.004  # of the mean color's length
 _MIN_LENGTH = 1e-3  # of the mean color, linear light
+# τ/κ of an object's own texture, whose correlation length is a pitch: √(2 − 2/√e)
+_USUAL_CHANGE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,22 +96,24 @@ class Grid:
 
     pitch: float  # pixels from node to node
     number: Ints64  # number of each node, −1 where there is none
-    neighbors: Ints64  # pairs of adjacent nodes, the lower number first
+    neighbors: Ints64  # (3, m) pairs of nodes of one cell, and the way between them
+    stiffness: Array  # (4,) float: weights of their squared differences, each way
     width: int  # of the lower band of a matrix that couples nodes of one cell
     size: int  # number of nodes
 
     @classmethod
-    def over(cls, alpha: Array, pitch: float) -> "Grid":
-        """The nodes of all cells where alpha (h, w) is not 0."""
+    def over(cls, alpha: Array, pitch: float, motion: Array = AT_REST) -> "Grid":
+        """The nodes of all cells where alpha (h, w) is not 0; `motion` is that of `fit_field`."""
         h, w = alpha.shape
         number = np.full((int(h / pitch) + 2, int(w / pitch) + 2), -1, np.int64)
         color_field_kernel.touched(alpha, pitch, number)
         neighbors, apart, size = color_field_kernel.numbered(number)
-        return cls(pitch, number, neighbors, 1 + apart, size)
+        return cls(pitch, number, neighbors, stiffness_of(motion, pitch), 1 + apart, size)
 
     def differences(self) -> Array:
-        """(width, size) lower band of the matrix of the sum of squared differences of neighbors."""
-        band = color_field_kernel.squared_differences(self.neighbors, self.width, self.size)
+        """(width, size) lower band of the matrix of the weighted sum of squared differences."""
+        pairs = self.neighbors, self.stiffness
+        band = color_field_kernel.squared_differences(*pairs, self.width, self.size)
         return np.asarray(band)
 
 
@@ -167,13 +177,15 @@ def fit_field(
     pitch: float,
     color: ColorPrior,
     of_none: Array | None = None,
+    motion: Array = AT_REST,
 ) -> tuple[ColorField, Array]:
     """The colors of the largest posterior density for an alpha, and residuals (3, h, w).
 
     `light` are image, plate, and the variances of both, (h, w, 3), along the axes of `color`; the
     pitch is that of the nodes, pixels; `of_none` are the `residuals_of_none` if they are known.
+    motion (2, 2): mean of v vᵀ over the exposure, v the velocity in pixels per exposure.
     """
-    grid = Grid.over(alpha, pitch)
+    grid = Grid.over(alpha, pitch, motion)
     settings = np.array(
         [
             _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
@@ -181,8 +193,25 @@ def fit_field(
         ]
     )  # fmt: skip
     e = residuals_of_none(light) if of_none is None else of_none.copy()
+    pairs = grid.number, grid.differences(), grid.neighbors, grid.stiffness
     colors, prior, mean, mean_std, spread, change, cost, loss = color_field_kernel.fit(
-        light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings, e
+        light, alpha, weight, pitch, pairs, settings, e
     )
     costs = float(cost), float(loss)
     return ColorField(grid, colors, prior, *costs, mean, mean_std, spread, change, color.rank), e
+
+
+def stiffness_of(motion: Array, pitch: float) -> Array:
+    """(4,) weights of squared differences of nodes along rows, columns and both diagonals.
+
+    Of a path that turns, the velocities that differ from the main direction count against it: light
+    changes in turn along each part of the path. `motion` is that of `fit_field`.
+    """
+    (least, most), directions = np.linalg.eigh(motion)
+    more = _USUAL_CHANGE**2 / 2 * (most - least) / pitch**2
+    M = np.eye(2) + more * np.outer(directions[:, 1], directions[:, 1])
+    # With x and y for the derivatives, 2 xy is (x + y)² − x² − y²: so the diagonals have the sign of
+    # M_xy. Where a weight would be negative, it is 0, for then the prior is proper.
+    both = abs(M[0, 1])
+    falling, rising = (both, 0.0) if M[0, 1] > 0 else (0.0, both)
+    return np.array([max(M[0, 0] - both, 0.0), max(M[1, 1] - both, 0.0), falling, rising])

@@ -23,10 +23,11 @@ def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
 
 @njit()
 def numbered(number):  # type: ignore[no-untyped-def]
-    """Number the nodes that are 0 along the shorter side, and return the pairs of adjacent ones.
+    """Number the nodes that are 0 along the shorter side, and return the pairs within cells.
 
-    The pairs (2, m) have the lower number first. Then the largest difference of the numbers of two
-    nodes of one cell, and the number of nodes.
+    The pairs (3, m) have the lower number first, and then the way from one to the other: 0 is along a
+    row, 1 along a column, 2 down and to the right, 3 down and to the left. Then the largest difference
+    of the numbers of two nodes of one cell, and the number of nodes.
     """
     rows, columns = number.shape
     n, m, apart = 0, 0, 0
@@ -42,29 +43,32 @@ def numbered(number):  # type: ignore[no-untyped-def]
                 if number[j, i] == 0:
                     number[j, i] = n
                     n += 1
-    pairs = np.empty((2, 2 * n), np.int64)
-    for down, right, adjacent in ((0, 1, True), (1, 0, True), (1, 1, False), (1, -1, False)):
+    pairs = np.empty((3, 4 * n), np.int64)
+    for way, (down, right) in enumerate(((0, 1), (1, 0), (1, 1), (1, -1))):
         for j in range(rows - down):
             for i in range(max(-right, 0), columns - max(right, 0)):
                 a, b = number[j, i], number[j + down, i + right]
                 if a < 0 or b < 0:
                     continue
                 apart = max(apart, abs(b - a))
-                if adjacent:
-                    pairs[0, m], pairs[1, m] = min(a, b), max(a, b)
-                    m += 1
+                pairs[0, m], pairs[1, m], pairs[2, m] = min(a, b), max(a, b), way
+                m += 1
     return pairs[:, :m].copy(), apart, n
 
 
 @njit()
-def squared_differences(neighbors, width, n):  # type: ignore[no-untyped-def]
-    """Lower band (width, n) of the matrix of the sum of squared differences of neighbors (2, m)."""
+def squared_differences(neighbors, stiffness, width, n):  # type: ignore[no-untyped-def]
+    """Lower band (width, n) of the matrix of the sum of squared differences of neighbors (3, m).
+
+    stiffness (4,): weights of the differences each way.
+    """
     band = np.zeros((width, n))
     for p in range(neighbors.shape[1]):
         i, j = neighbors[0, p], neighbors[1, p]
-        band[0, i] += 1
-        band[0, j] += 1
-        band[j - i, i] = -1
+        weight = stiffness[neighbors[2, p]]
+        band[0, i] += weight
+        band[0, j] += weight
+        band[j - i, i] -= weight
     return band
 
 
@@ -355,7 +359,7 @@ def _mode_of(band, right, spread, free, prior, volume, colors):  # type: ignore[
 
 
 @njit()
-def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def]
+def scales(band, prior, colors, mean, neighbors, stiffness):  # type: ignore[no-untyped-def]
     """Spread and change of the nodes (n,), weighted by the precision of their data."""
     away, sure = 0.0, 1e-9
     n = len(colors)
@@ -366,10 +370,11 @@ def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def
         sure += known[j]
     steps, both = 0.0, 1e-9
     for p in range(neighbors.shape[1]):
-        i, j = neighbors[0, p], neighbors[1, p]
+        i, j, way = neighbors[0, p], neighbors[1, p], neighbors[2, p]
         w = min(known[i], known[j])
-        steps += w * (colors[i] - colors[j]) ** 2
-        both += w
+        steps += stiffness[way] * w * (colors[i] - colors[j]) ** 2
+        if way < 2:
+            both += w
     return np.sqrt(away / sure), np.sqrt(steps / both)
 
 
@@ -401,18 +406,20 @@ def _replace(at, own, weight, freedom, channels, e):  # type: ignore[no-untyped-
 
 
 @njit()
-def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings, e):  # type: ignore[no-untyped-def]
+def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-untyped-def]
     """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
     change (3,) of each; the cost, and the change of the loss of the residuals e (3, h, w).
 
-    e are those without the object, and are replaced where it was. `settings` are: rounds, rank,
-    varied, the deviation of colors across the model, the degrees of freedom of the residuals' t
-    distribution, the first spreads (3) and the smallest one, of the mean color's length, the
-    smallest length, and the number of independent channels.
+    `grid` are `number`, the band of squared differences, the neighbors, and their stiffness. e are
+    those without the object, and are replaced where it was. `settings` are: rounds, rank, varied, the
+    deviation of colors across the model, the degrees of freedom of the residuals' t distribution, the
+    first spreads (3) and the smallest one, of the mean color's length, the smallest length, and the
+    number of independent channels.
     """
     rounds, rank, varied = int(settings[0]), int(settings[1]), int(settings[2])
     across, freedom, min_spread, min_length = settings[3], settings[4], settings[8], settings[9]
     channels = settings[10]
+    number, differences, neighbors, stiffness = grid
     width, n = differences.shape
     first, nodes, at, hats, P, sharp = seen(observed, alpha, pitch, number)
     own_weight = weight.ravel()[at]
@@ -446,7 +453,7 @@ def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings
             cost += one
             colors[:, c] = own
             if c < varied:
-                away, step = scales(band[c], prior[c], own, mean[c], neighbors)
+                away, step = scales(band[c], prior[c], own, mean[c], neighbors, stiffness)
                 spread[c], change[c] = (
                     max(away, min_spread * length),
                     max(step, min_spread * length),

@@ -109,7 +109,7 @@ def fit_lighting(observation: Observation) -> Lighting:
         _values(pitch, grid.number, clipped, change)
         _chi2(*light, change, chi2)
         _values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
-        away, steps = scales(band, prior, nodes, 0.0, grid.neighbors)
+        away, steps = scales(band, prior, nodes, 0.0, grid.neighbors, grid.stiffness)
         spread, step = (max(float(x), _MIN_SPREAD) for x in (away, steps))
     return Lighting(change, std, float(cost), observation.origin, observation.scale)
 

@@ -150,6 +150,11 @@ class PathFamily(ABC):
         """(33, 2) points at equally spaced times, pixels."""
         return self.at(p, np.linspace(0, 1, 33))[0]
 
+    def motion(self, p: Array, pixel: float = 1.0) -> Array:
+        """(2, 2) mean of v vᵀ over the exposure, v the velocity in `pixel` per exposure."""
+        v = np.diff(self.curve(p), axis=0) * 32 / pixel
+        return np.asarray(v.T @ v / len(v))
+
     def shifted(self, p: Array, by: Array) -> Array:
         """Parameters of the path moved by (x, y): they are points, and at most one other number."""
         moved, points = np.array(p, float), 2 * (len(p) // 2)

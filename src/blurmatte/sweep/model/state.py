@@ -155,7 +155,8 @@ def _explained(
 ) -> tuple[ColorField, Array, float]:
     """Field, residuals and cost of a `State`."""
     light, weight, (none, loss) = observation.light, observation.weight, observation.of_none
-    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color, none)
+    motion = family.motion(path, observation.scale)
+    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color, none, motion)
     cost = loss + field.loss + field.cost
     if observation.prior is not None:
         cost += observation.prior.cost(family, path, shape)
