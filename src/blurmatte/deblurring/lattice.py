@@ -89,12 +89,8 @@ class Lattice:
     @cached_property
     def edges(self) -> Indices:
         """(m, 2) indices of neighbors in rows and columns, the smaller first."""
-        pairs = [
-            np.stack([a.ravel(), b.ravel()], axis=1)
-            for a, b in ((self.node[:, :-1], self.node[:, 1:]), (self.node[:-1], self.node[1:]))
-        ]
-        both = np.concatenate(pairs)
-        return np.sort(both[(both >= 0).all(axis=1)], axis=1).astype(np.intp)
+        node = self.node
+        return _neighbors((node[:, :-1], node[:, 1:]), (node[:-1], node[1:]))
 
     @property
     def stencils(self) -> tuple[Stencil, ...]:
@@ -158,15 +154,9 @@ class Sphere:
     @cached_property
     def edges(self) -> Indices:
         """(m, 2) indices of neighbors, the smaller first."""
-        pairs = [
-            np.stack([a.ravel(), b.ravel()], axis=1)
-            for a, b in (
-                (self.node[:, :-1], self.node[:, 1:]),
-                (self.node[..., :-1], self.node[..., 1:]),
-            )
-        ]
-        both = np.sort(np.concatenate(pairs), axis=1)
-        return np.unique(both, axis=0).astype(np.intp)
+        node = self.node
+        both = _neighbors((node[:, :-1], node[:, 1:]), (node[..., :-1], node[..., 1:]))
+        return np.unique(both, axis=0)  # faces share edges
 
     @property
     def stencils(self) -> tuple[Stencil, ...]:
@@ -177,6 +167,11 @@ class Sphere:
 def _first(edges: Indices) -> Stencil:
     """Differences of first order."""
     return Stencil(edges, np.array([1.0, -1.0]))
+
+
+def _neighbors(*pairs: tuple[Ints32, Ints32]) -> Indices:
+    """(m, 2) pairs of nodes of which none is missing, the smaller first."""
+    return np.sort(np.concatenate([_inside(*pair) for pair in pairs]), axis=1)
 
 
 def _inside(*nodes: Ints32) -> Indices:

@@ -177,13 +177,8 @@ def cholesky_of(band: Array) -> Array:
 def posterior(equations: NormalEquations, prior: Array) -> Normal:
     """The posterior under a prior λ Q, a band (n, b + 1)."""
     factors = np.stack([cholesky_of(band + prior) for band in equations.band])
-    channels = Normal(np.empty(0), factors).channels()
-    pairs = zip(channels, equations.right, strict=True)
-    mean = [
-        scipy.linalg.cho_solve_banded((factor.T, True), b, check_finite=False)
-        for factor, b in pairs
-    ]
-    return Normal(np.stack(mean, axis=1), factors)
+    found = Normal(np.empty(0), factors)
+    return replace(found, mean=found.solve(equations.right[..., None])[..., 0].T)
 
 
 def gradient_prior(lattice: Lattice | Sphere, width: int) -> Array:
