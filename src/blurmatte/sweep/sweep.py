@@ -42,8 +42,6 @@ class Diagnostics:
         Variance of block sums of residuals over that of independent pixels; 1 if right.
     noise_inflation : float
         Variance of the noise that the fit needs over the one that was measured; 1 if right.
-    mode_disagreement : float
-        Root mean square difference of alpha from other hypotheses, weighted, of alpha's own.
     radius_error : float
         Standard deviation of the radius, of the radius.
     color_spread : float
@@ -68,7 +66,6 @@ class Diagnostics:
     outlier_fraction: float = 0.0
     variance_inflation: float = 1.0
     noise_inflation: float = 1.0
-    mode_disagreement: float = 0.0
     radius_error: float = 0.0
     color_spread: float = 0.0
     color_angle_std: float = 0.0

@@ -50,7 +50,7 @@ def test_defaults_are_those_of_a_correct_sweep():
     assert plain.converged
     assert plain.residual_excess == plain.variance_inflation == plain.noise_inflation == 1
     assert plain.prior_probability == 1
-    assert len(fields(plain)) == 15
+    assert len(fields(plain)) == 14
 
 
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
@@ -64,7 +64,7 @@ def test_diagnostics_of_a_correct_sweep_are_small(scenes):
     assert d.variance_inflation < 1.2
     assert d.noise_inflation == 1
     assert d.color_spread < 0.02
-    assert d.blur_over_radius == d.chroma_blur == d.mode_disagreement == 0
+    assert d.blur_over_radius == d.chroma_blur == 0
 
 
 def test_numbers_are_those_of_the_residuals():

@@ -78,7 +78,7 @@ def _by_opacity(state: State) -> Array:
 def diagnosed(
     candidate: Candidate, radius: float, radius_std: float, color_angle_std: float
 ) -> Diagnostics:
-    """The diagnostics of a candidate; disagreement is known once there are others."""
+    """The diagnostics of a candidate."""
     state = candidate.state
     observation, alpha = state.observation, state.swept.alpha
     inside = (alpha > 0) & observation.valid
@@ -93,7 +93,6 @@ def diagnosed(
         outlier_fraction(state),
         inflation,
         observation.noise_inflation,
-        0.0,
         radius_std / radius,
         float(np.linalg.norm(state.field.spread[1:])) / length,
         color_angle_std,
