@@ -64,7 +64,6 @@ from blurmatte.sweep.hypotheses import (
     TimeLimit,
     is_explained,
     is_explained_by,
-    is_known_disc,
     quick_search,
 )
 from blurmatte.sweep.model.color_field import ColorPrior
@@ -280,7 +279,7 @@ def _in_likelier_light(
         """Of those found, and of others in that light."""
         return [before, replace(evidence, cost=evidence.cost + lighting.cost)]
 
-    if is_known_disc(found.observation):
+    if found.observation.is_known_disc:
         if hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
             return found
     elif hypothesis_scores(in_both(evidence_again(found.best, in_light)))[1] > _MAX_SCORE_IN_LIGHT:

@@ -71,11 +71,6 @@ class Fits:
         """The best disc of one paint."""
         return self.one_paint[0]
 
-    @property
-    def is_known_disc(self) -> bool:
-        """Whether other frames know that the silhouette is a disc."""
-        return is_known_disc(self.search.observation)
-
     def with_fits_of(self, hypothesis: "Hypothesis") -> "Fits":
         """With the fits of a hypothesis."""
         found = tuple(hypothesis.fits(self))
@@ -131,7 +126,7 @@ class GrowingDisc(Hypothesis):
 
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Not if the size is known to be constant."""
-        return not fits.is_known_disc and super().is_worth_fitting(fits)
+        return not fits.search.observation.is_known_disc and super().is_worth_fitting(fits)
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """From the best disc of one paint, and from that of varied colors."""
@@ -150,7 +145,7 @@ class Outline(Hypothesis):
 
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Not if the shape is known."""
-        return not fits.is_known_disc and super().is_worth_fitting(fits)
+        return not fits.search.observation.is_known_disc and super().is_worth_fitting(fits)
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """Of one paint."""
@@ -167,7 +162,11 @@ class FreeSilhouette(Hypothesis):
     def is_worth_fitting(self, fits: Fits) -> bool:
         """Also if only an outline of the highest order explains it; not if it is seen through."""
         disc = fits.disc
-        if fits.is_known_disc or disc.silhouette.opacity < 1 or disc.observation.light_alone:
+        if (
+            fits.search.observation.is_known_disc
+            or disc.silhouette.opacity < 1
+            or disc.observation.light_alone
+        ):
             return False
         if fits.explained is None:
             return True
@@ -202,7 +201,7 @@ class DiscWithShadow(Hypothesis):
         if shaded is None:
             return []
         state, cast = shaded
-        if fits.is_known_disc:
+        if fits.search.observation.is_known_disc:
             return [Candidate(state, cast)]
         alike = dict.fromkeys((state, fit_growing(state, fits.search.bounds)))
         return [Candidate(each, cast) for each in alike]
@@ -241,14 +240,9 @@ def is_explained(observation: Observation, inflation: float, excess: float) -> b
     If other frames know path and silhouette, residuals that correlate no more than the noise around
     them are that noise.
     """
-    if is_known_disc(observation) and excess <= MAX_RESIDUAL_EXCESS:
+    if observation.is_known_disc and excess <= MAX_RESIDUAL_EXCESS:
         return True
     return inflation <= _MAX_EXPLAINED_INFLATION
-
-
-def is_known_disc(observation: Observation) -> bool:
-    """Whether other frames know that the silhouette is a disc."""
-    return observation.prior is not None and observation.prior.is_disc
 
 
 def quick_search(

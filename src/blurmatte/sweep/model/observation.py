@@ -71,6 +71,11 @@ class Observation(PixelBox):
         return max(self.grain / self.scale, 2.0)
 
     @property
+    def is_known_disc(self) -> bool:
+        """Whether other frames know that the silhouette is a disc."""
+        return self.prior is not None and self.prior.is_disc
+
+    @property
     def channels(self) -> int:
         """How many are independent: 1 of gray pictures."""
         return self.color.channels
