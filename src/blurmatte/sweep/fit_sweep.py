@@ -603,7 +603,7 @@ def fit_stretch(
     ellipse = minimize(ellipse, search.bounds, MAX_STEPS, ROUGH_TOLERANCE)
     stretch, n = ellipse.silhouette.at("stretch"), len(ellipse.path)
     at = slice(n + stretch.start, n + stretch.stop)
-    covariance = np.asarray(np.linalg.pinv(ellipse.information()[0], hermitian=True)[at, at], float)
+    covariance = ellipse.inverse_curvature()[at, at]
     return ellipse.shape[stretch], ellipse.variance_inflation * VARIANCE * covariance
 
 

@@ -158,8 +158,7 @@ def fit_ball(
 
 def _accepted(best: State, sweep: Sweep) -> Source:
     """The parameters of a fit from a sweep, and their covariance; MotionError if it is rejected."""
-    H, _ = best.information()
-    covariance = np.asarray(np.linalg.pinv(H, hermitian=True) * best.variance_inflation * VARIANCE)
+    covariance = best.variance_inflation * VARIANCE * best.inverse_curvature()
     radius_std = float(covariance[len(best.path), len(best.path)] ** 0.5)
     found = diagnosed(Candidate(best), best.radius, radius_std, 0.0)
     what = "no ball on a straight line or with constant acceleration explains the streak"

@@ -34,8 +34,7 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
         inflation *= prior.scatter**2
     covariance = candidate.covariance
     if covariance is None:
-        H, _ = state.information()
-        covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
+        covariance = inflation * state.inverse_curvature()
     silhouette = candidate.silhouette
     if candidate.chroma_blur > 0 and image.meta.sharing is None:
         silhouette = silhouette.sharp  # the file blurred the rim, not the lens

@@ -288,7 +288,7 @@ def _is_surely_blurred(state: State) -> bool:
 
     The cost is about quadratic in the variance b² of the blur, for it is even in b: a Wald statistic.
     """
-    variance = np.linalg.pinv(state.information()[0], hermitian=True)[-1, -1]
+    variance = state.inverse_curvature()[-1, -1]
     cost = state.shape[-1] ** 2 / (8 * max(float(variance), 1e-12) * state.variance_inflation)
     return not rejection(state) and cost > 2 * bic_penalty(state.observation, 1)
 
@@ -296,8 +296,7 @@ def _is_surely_blurred(state: State) -> bool:
 def _radius_std(state: State) -> float:
     """Standard deviation of the radius from the curvature of the cost, pixels."""
     n = len(state.path)
-    covariance = np.linalg.pinv(state.information()[0], hermitian=True)
-    return float(np.sqrt(covariance[n, n]))
+    return float(np.sqrt(state.inverse_curvature()[n, n]))
 
 
 def with_principal_axes(state: State) -> State:

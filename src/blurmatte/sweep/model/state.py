@@ -103,6 +103,10 @@ class State:
             return H, g
         return prior.added(H, g, self.family, self.path, self.shape)
 
+    def inverse_curvature(self) -> Array:
+        """(size, size): the covariance of path and shape if residuals are independent and normal."""
+        return np.asarray(np.linalg.pinv(self.information()[0], hermitian=True), float)
+
     def on(self, observation: Observation) -> "State":
         """The same path and shape in another observation."""
         return state_at(observation, self.family, self.path, self.silhouette, self.shape)
