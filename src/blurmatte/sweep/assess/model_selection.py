@@ -31,7 +31,7 @@ import numpy as np
 from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import VARIANCE_FLOOR
-from blurmatte.statistics import block_squares
+from blurmatte.statistics import mean_of_blocks
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
 from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
@@ -89,9 +89,8 @@ def evidence_of(
     chi2, channels = (e**2).sum(axis=0), observation.channels
     limited = np.moveaxis(e * np.sqrt(student_weight(chi2, channels)), 0, -1)
     inside = (compared.alpha > 0) & observation.valid
-    correlated = (block_squares(limited, inside, size) for size in BlockStatistics.sizes_px)
-    squares = (float(s.sum(axis=1).mean()) / channels for s in correlated if len(s))
-    inflation = max(1.0, *squares, 1.0)
+    sizes = BlockStatistics.sizes_px
+    inflation = max(1.0, *(mean_of_blocks(limited, inside, size, channels) for size in sizes))
     cost += OPTIMISM * float(np.count_nonzero(alpha_std))
     return Evidence(cost, inflation, parameters, float(observation.weight.sum()))
 
