@@ -35,8 +35,8 @@ from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.streaks.evidence import without_outliers
+from blurmatte.sweep.assess.diagnostics import with_perspective_error
 from blurmatte.sweep.assess.model_selection import Hypotheses
-from blurmatte.sweep.assess.perspective import with_perspective_error
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import Disc

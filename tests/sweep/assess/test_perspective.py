@@ -8,7 +8,7 @@ import scipy
 from numpy.testing import assert_allclose
 
 from blurmatte.color.model import ColorModel
-from blurmatte.sweep.assess.perspective import with_perspective_error
+from blurmatte.sweep.assess.diagnostics import with_perspective_error
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette

@@ -1,4 +1,10 @@
-"""From a candidate to a sweep: covariance, colors and dimensionless diagnostics."""
+"""From a candidate to a sweep: covariance, colors and dimensionless diagnostics.
+
+The camera of a sweep need not be known. A ball that is seen at an angle θ from the axis of a camera is
+an ellipse in its picture, longer by 1 / cos θ along the direction from the center of the picture. In
+this file s = ½ log(1 / cos θ) is the logarithm of this stretch, and tan θ = d / f, with the ball's
+distance d from the center of the picture and the focal length f, both in pixels.
+"""
 
 from dataclasses import replace
 
@@ -14,7 +20,9 @@ from blurmatte.sweep.fit.ranking import (
     rejection,
     residual_excess,
 )
+from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.shape import FlatShape
+from blurmatte.sweep.model.silhouette import as_silhouette
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Diagnostics, Sweep
@@ -24,6 +32,10 @@ _MIN_LIGHT = 1e-9  # of white, of an object that has a color
 _MAX_ONE_COLOR_SPREAD = (
     0.1  # radians across the mean color: noise, gloss and two lamps of one paint
 )
+# Of usual lenses, 24 to 200 mm for a frame of 36 mm: over the longer side of the picture. In this range
+# all ratios of two focal lengths are alike.
+_FOCAL_LENGTHS = 24 / 36, 200 / 36
+_NODES = 16  # of the mean over focal lengths
 
 
 def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
@@ -130,3 +142,41 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
     return ColorModel(
         basis, across @ across.T, {"shape": float(np.degrees(np.linalg.norm(std[1:])))}
     )
+
+
+def with_perspective_error(sweep: Sweep) -> Sweep:
+    """The sweep with what a stretch by perspective adds to the covariance of a disc's parameters.
+
+    The parameters change as the disc does whose alpha is nearest to that of the ellipse. The stretch is
+    that of a ball in the middle of the exposure, its root mean square over focal lengths. It is an
+    error, for the disc need not be a ball, nor the center of the picture that of the lens.
+    """
+    if not sweep.silhouette.is_disc:
+        return sweep
+    by_parameters, by_stretch = _derivatives(sweep, _stretch(sweep))
+    change = np.linalg.lstsq(by_parameters, by_stretch, rcond=None)[0]
+    return replace(sweep, covariance=sweep.covariance + np.outer(change, change))
+
+
+def _stretch(sweep: Sweep) -> Array:
+    """(2,) s cos 2φ and s sin 2φ of the direction φ from the center of the picture."""
+    center = (np.array(sweep.size) - 1) / 2
+    x, y = sweep.family.at(sweep.path, np.array([0.5]))[0][0] - center
+    focal = max(sweep.size) * np.geomspace(*_FOCAL_LENGTHS, _NODES)
+    size = np.sqrt(np.mean(np.log(np.hypot(1, np.hypot(x, y) / focal)) ** 2)) / 2
+    angle = 2 * np.arctan2(y, x)
+    return np.asarray(size * np.array([np.cos(angle), np.sin(angle)]))
+
+
+def _derivatives(sweep: Sweep, stretch: Array) -> tuple[Array, Array]:
+    """Alpha of the pixels by the parameters (p, n + m) of a disc, and by a stretch (p,)."""
+    disc, path, n = as_silhouette(sweep.silhouette), sweep.path, len(sweep.path)
+    ellipse = replace(disc, order=2)
+    # The first of each name are those of the disc: an ellipse has two more rates.
+    own = [ellipse.names.index(name) for name in disc.names]
+    shape = np.zeros(ellipse.size)
+    shape[own] = sweep.shape
+    J = ellipse.sweep(sweep.family, path, shape, Pixels.of_box(sweep.box)).by_parameters
+    J = J.reshape(-1, J.shape[-1])
+    of_path, of_shape = J[:, :n], J[:, n:]
+    return np.hstack([of_path, of_shape[:, own]]), of_shape[:, ellipse.at("stretch")] @ stretch
