@@ -28,7 +28,7 @@ from blurmatte.deblurring.operator import (
 )
 from blurmatte.deblurring.spin import Spin
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, check_picture
-from blurmatte.sweep.model.pixel_box import PixelBox, light_of, means
+from blurmatte.sweep.model.observation import PixelBox, light_of, means
 from blurmatte.sweep.sweep import Sweep
 
 MODEL_STD = 0.003  # δ, linear light

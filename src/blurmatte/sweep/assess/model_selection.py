@@ -35,9 +35,8 @@ from blurmatte.statistics import mean_of_blocks
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
 from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
-from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.observation import BlockStatistics, Observation, means
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.pixel_box import means
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep
 
