@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.evidence import evidence_of, pixels_of
-from blurmatte.matting.rounding import rounding_pulls
+from blurmatte.matting.smooth import rounding_pulls
 from blurmatte.matting.smooth_field import BORDER, CellEvidence
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
 from blurmatte.rendering.processing import subsample_chroma
