@@ -54,6 +54,15 @@ def noisy(seed, std=0.1):
     return truth, CellEvidence(information, information * truth + noise, mask, least(truth))
 
 
+def test_a_fit_that_takes_the_largest_number_of_steps_has_not_converged():
+    """Stiff: errors of cells differ by six orders of magnitude, and neighbors by less than any."""
+    truth, mask = bump()
+    information = mask * 10 ** np.random.default_rng(0).uniform(0, 12, truth.shape)
+    evidence = CellEvidence(information, information * truth, mask, least(truth))
+    assert not fit_field(evidence, Prior(2, 1e-6), None, samples=0).converged
+    assert fit_field(evidence, Prior(2, 1.0), None, samples=0).converged
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_noise_is_reduced_and_errors_are_calibrated(order):
     scores = []
