@@ -14,7 +14,6 @@ from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.maps import Grade
 from blurmatte.rendering import Ball, Camera, Scene
 from blurmatte.rendering.plates import plain_plate
-from blurmatte.sweep import fitting_size
 from blurmatte.sweep.hypotheses import Disc, DiscWithShadow
 from blurmatte.trajectory import Trajectory
 
@@ -97,14 +96,17 @@ def test_shadows_are_sought_only_before_a_good_guess(seen, std, tried):
     assert raised.value.args[0] == tried
 
 
-def test_errors_by_the_guess_of_a_wide_streak_are_those_at_full_size(seen, monkeypatch):
+class OnCells(Smooth):
+    """Streaks of more than 12 pixels are fitted on cells."""
+
+    fitted_width = 12.0
+
+
+def test_errors_by_the_guess_of_a_wide_streak_are_those_at_full_size(seen):
     """Oracle: the draws are solved on cells of two pixels, and on pixels."""
     image, plate, _ = seen
-    model, found = ColorModel.from_samples(np.array([COLOR]), std=1e-9), []
-    for width in (100.0, 12.0):
-        monkeypatch.setattr(fitting_size, "MAX_FITTED_WIDTH_PX", width)
-        found.append(solve(image, plate, model, Smooth()))
-    whole, cells = (one.stats for one in found)
+    model = ColorModel.from_samples(np.array([COLOR]), std=1e-9)
+    whole, cells = (solve(image, plate, model, one()).stats for one in (Smooth, OnCells))
     assert cells.sum_alpha_std == pytest.approx(whole.sum_alpha_std, rel=0.25)
     assert cells.alpha_error == pytest.approx(whole.alpha_error, rel=0.25)
     assert cells.sum_alpha == whole.sum_alpha

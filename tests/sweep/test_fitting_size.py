@@ -8,12 +8,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.scenes import rendered
 
 from blurmatte.color.model import ColorModel
-from blurmatte.matting import solve
+from blurmatte.matting import Averaged, solve
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
-from blurmatte.sweep import fitting_size
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE
@@ -170,10 +169,12 @@ def test_noise_of_means_is_at_least_that_of_independent_pixels(rng):
 
 
 @pytest.mark.parametrize("width", [20.0, 12.0])  # cells of 2 and of 3 pixels
-def test_the_sum_of_alpha_is_the_same_at_every_size_within_its_error(wide, monkeypatch, width):
+def test_the_sum_of_alpha_is_the_same_at_every_size_within_its_error(wide, width):
+    class OnCells(Averaged):
+        fitted_width = width
+
     truth, (image, plate) = wide
-    monkeypatch.setattr(fitting_size, "MAX_FITTED_WIDTH_PX", width)
-    solution = solve(image, plate)
+    solution = solve(image, plate, solver=OnCells())
     total, error = solution.stats.sum_alpha, solution.stats.sum_alpha_std
     scale = solution.stats.alpha_scale_std
     true = truth.layer.alpha

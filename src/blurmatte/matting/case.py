@@ -27,7 +27,7 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import with_inflated
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.model_selection import Hypotheses
-from blurmatte.sweep.fitting_size import FittingSize
+from blurmatte.sweep.fitting_size import MAX_FITTED_WIDTH_PX, FittingSize
 from blurmatte.sweep.hypotheses import HYPOTHESES, Hypothesis
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.sweep import Sweep
@@ -210,6 +210,9 @@ class Solver(ABC):
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES  #: the shapes on paths that are fitted
     seconds: float = math.inf  #: CPU time after which no further shape is fitted
     opacity: OpacityPrior = OpacityPrior.USUAL  #: of the shapes
+    fitted_width: ClassVar[float] = (
+        MAX_FITTED_WIDTH_PX  #: pixels: wider streaks are fitted on cells
+    )
 
     def colors(self, model: ColorModel | None) -> ColorModel | None:
         """The colors to solve with, if some were given or the solver knows its own."""

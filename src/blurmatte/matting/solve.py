@@ -165,7 +165,8 @@ def _before_guess(
         solver = Swept((Disc(),)) if known.stats.has_shape else Smooth()
         found, sweep = Streak(known.streak), known.sweep
         quick = _Request(known.model, solver, found, sweep, request.prior)
-        size = FittingSize.of(found) if quick.prior is None else None
+        width = request.solver.fitted_width
+        size = FittingSize.of(found, width) if quick.prior is None else None
         if size is None:
             return QuickSolver(lambda one: _solved(matched(one), quick, warns=False))
         start = None if sweep is None else size.sweep(sweep)
@@ -273,7 +274,8 @@ def _case_of(pictures: Pictures, request: _Request) -> tuple[Case, list[Streak]]
     _LOG.info("fitting the sweep")
     start, prior = request.start, request.prior
     # Of a frame of a clip, start and prior are in its pixels.
-    size = FittingSize.of(chosen) if start is None and prior is None else None
+    is_alone = start is None and prior is None
+    size = FittingSize.of(chosen, solver.fitted_width) if is_alone else None
     if size is not None:
         return _enlarged_case(size, pictures, chosen, model, solver), others
     searched = solver.hypotheses, solver.seconds, solver.opacity

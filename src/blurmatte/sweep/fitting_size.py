@@ -42,10 +42,13 @@ class FittingSize:
     size: tuple[int, int]  # (width, height) of the picture
 
     @classmethod
-    def of(cls, streak: Streak) -> "FittingSize | None":
-        """The size for a streak; None if it is narrow enough to be fitted as it is."""
+    def of(cls, streak: Streak, max_width: float = MAX_FITTED_WIDTH_PX) -> "FittingSize | None":
+        """The size for a streak; None if it is narrow enough to be fitted as it is.
+
+        max_width: of a streak in the pixels on which it is fitted.
+        """
         half_width = half_width_of(streak)
-        cell = int(np.ceil(2 * half_width / MAX_FITTED_WIDTH_PX))
+        cell = int(np.ceil(2 * half_width / max_width))
         if cell < 2:
             return None
         height, width = streak.mask.shape
