@@ -192,10 +192,13 @@ def motion_of_alpha(solution: Solution) -> Motion:
     Raises MotionError if the sum of alpha is not above its error.
     """
     use = solution.streak & solution.known
-    parameters, covariance = _moments_of_alpha(solution, use)
+    alpha = np.asarray(solution.alpha[use], float)
+    variance = variance_inflation(solution) * np.asarray(solution.alpha_std[use], float) ** 2
+    scale = solution.stats.alpha_scale_std or 0.0
+    moments = _moments(use, alpha, variance, "alpha sums to {} pixels", scale)
     motion = replace(
-        _straight_motion(parameters, covariance, solution.size),
-        at_border=_touches_border(solution, use),
+        _straight_motion(*moments, solution.size),
+        at_border=_reaches_border(use, alpha, variance),
         exposure_time=solution.stats.exposure_time,
         readout=solution.stats.readout,
     )
@@ -229,13 +232,9 @@ def motion_of_added_light(
     variance = (image.variance[use].astype(float) + plate.variance[use]) @ color**2
     moments, covariance = _moments(use, added, variance, "the added light sums to {}")
     values, covariance = propagated(_with_area_of_width, moments, covariance)
-    motion = _straight_motion(values, covariance, image.size)
-    border = np.ones(use.shape, bool)
-    border[1:-1, 1:-1] = False
-    rim = border[use]
     return replace(
-        motion,
-        at_border=bool(added[rim].sum() > _MIN_SUM_STD * np.sqrt(variance[rim].sum())),
+        _straight_motion(values, covariance, image.size),
+        at_border=_reaches_border(use, added, variance),
         exposure_time=image.meta.exposure_time,
         readout=image.meta.readout,
         doubts=(
@@ -270,14 +269,6 @@ def variance_inflation(solution: Solution) -> float:
     independent = float(np.sum(np.asarray(solution.alpha_std[use], float) ** 2))
     correlated = solution.sum_std_without_factor**2
     return max(float(correlated / independent), 1.0) if independent > 0 else 1.0
-
-
-def _moments_of_alpha(solution: Solution, use: Bools) -> tuple[Array, Array]:
-    """(6,) area, mean x and y, variances xx, xy, yy; and their covariance (6, 6)."""
-    alpha = np.asarray(solution.alpha[use], float)
-    variance = variance_inflation(solution) * np.asarray(solution.alpha_std[use], float) ** 2
-    scale = solution.stats.alpha_scale_std or 0.0
-    return _moments(use, alpha, variance, "alpha sums to {} pixels", scale)
 
 
 def _moments(
@@ -329,14 +320,12 @@ def _quantities_of_moments(moments: Array) -> Array:
     return np.array([x, y, angle, length, 4 * np.sqrt(across), radius, area, length])
 
 
-def _touches_border(solution: Solution, use: Bools) -> bool:
-    """True if the sum of alpha along the border is above its error."""
+def _reaches_border(use: Bools, weight: Array, variance: Array) -> bool:
+    """True if the sum of weights (n,) along the border is above its error."""
     border = np.ones(use.shape, bool)
     border[1:-1, 1:-1] = False
-    there = use & border
-    alpha, std = (np.asarray(m[there], float) for m in (solution.alpha, solution.alpha_std))
-    error = np.sqrt(variance_inflation(solution) * np.sum(std**2))
-    return bool(alpha.sum() > _MIN_SUM_STD * error)
+    there = border[use]
+    return bool(weight[there].sum() > _MIN_SUM_STD * np.sqrt(variance[there].sum()))
 
 
 def _doubts_of_moments(solution: Solution, use: Bools, motion: Motion) -> list[str]:
