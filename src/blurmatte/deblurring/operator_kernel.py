@@ -17,15 +17,20 @@ import numpy as np
 from blurmatte.compiling import njit
 from blurmatte.deblurring.sphere_kernel import with_row
 from blurmatte.sweep.model.rim_kernel import reach_of, variance_of
-from blurmatte.sweep.model.silhouette_kernel import between, covered_softly, largest_stretch, spans
+from blurmatte.sweep.model.silhouette_kernel import (
+    between,
+    covered_softly,
+    largest_stretch,
+    spans,
+    stretched,
+)
 
 
 @njit()
 def coverage(rim, inverse, soft, far, dx, dy):  # type: ignore[no-untyped-def]
     """Fraction of a pixel inside the mapped rim; (dx, dy) from the center, `inverse` of the map.
 
-    With n the normal of the rim at s inside, N = |L⁻ᵀ n|, the mapped rim lies s / N away and has the
-    curvature κ det²(L⁻¹) / N³, to first order, as in `silhouette_kernel.sweep`.
+    The mapped rim is that of `silhouette_kernel.stretched`.
     """
     lattice, x0, y0, h, _ = rim
     a, b, c, d = inverse[0, 0], inverse[0, 1], inverse[1, 0], inverse[1, 1]
@@ -41,14 +46,9 @@ def coverage(rim, inverse, soft, far, dx, dy):  # type: ignore[no-untyped-def]
         return 1.0
     nx, ny = between(lattice, i, j, u, v, 1), between(lattice, i, j, u, v, 2)
     bent = between(lattice, i, j, u, v, 3)
-    variance, length2 = variance_of(soft), nx * nx + ny * ny
-    mx, my = a * nx + c * ny, b * nx + d * ny
-    if length2 > 1e-12:  # 0 where rims on two sides are equally far
-        N = np.sqrt((mx * mx + my * my) / length2)
-        det = a * d - b * c
-        curved = bent * det * det / (N * N * N)
-        inside = (inside + bent * variance / 2) / N - curved * variance / 2
-        mx, my, bent = mx / N, my / N, curved
+    variance, area = variance_of(soft), 1 / (a * d - b * c)
+    mapped = a * nx + c * ny, b * nx + d * ny
+    inside, bent, _, _, mx, my = stretched(inside, bent, (nx, ny), mapped, area, variance)
     return covered_softly(inside, mx, my, soft, 1 / np.sqrt(variance), bent)[0]
 
 
