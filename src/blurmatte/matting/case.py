@@ -18,7 +18,7 @@ import scipy
 from blurmatte.background import Match
 from blurmatte.checks import Array, Bools, Box, Codes8, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import MARGIN_PX
+from blurmatte.color.shadows import MARGIN_PX
 from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
 from blurmatte.matting.special_pixels import MixedPlate, mixed_plate

@@ -8,7 +8,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools, Box, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import darker_pixels
+from blurmatte.color.shadows import darker_pixels
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import rms_difference
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag

@@ -16,7 +16,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Box, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import MARGIN_PX
+from blurmatte.color.shadows import MARGIN_PX
 from blurmatte.matting.averaging import (
     MIN_WEIGHT,
     QUARTILE,

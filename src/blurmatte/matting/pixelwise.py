@@ -24,7 +24,7 @@ import numpy as np
 
 from blurmatte.checks import Box, Codes, Codes8, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import MARGIN_PX
+from blurmatte.color.shadows import MARGIN_PX
 from blurmatte.compiling import FAST_MATH, ONE, TWO, ZERO, njit
 from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.maps import (

@@ -23,7 +23,7 @@ import numpy as np
 from blurmatte.background import Match
 from blurmatte.checks import Array, Bools, check_same_size, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import MARGIN_PX, darker_pixels
+from blurmatte.color.shadows import MARGIN_PX, cast_shadow_mask, darker_pixels
 from blurmatte.errors import ColorModelError
 from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.maps import (
@@ -39,7 +39,6 @@ from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.stats import SolutionStats
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
-from blurmatte.sweep.shadow_mask import cast_shadow_mask
 
 
 @dataclass(frozen=True, eq=False)

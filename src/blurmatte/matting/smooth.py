@@ -21,7 +21,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools, Box, Floats, Ints32, rows_columns
-from blurmatte.color.shadow_test import MARGIN_PX
+from blurmatte.color.shadows import MARGIN_PX
 from blurmatte.errors import ConvergenceWarning, warn
 from blurmatte.matting.averaging import as_fraction
 from blurmatte.matting.case import Answer, Case, Solver

@@ -17,7 +17,7 @@ from blurmatte.checks import (
     rows_columns,
 )
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import may_be_shadow
+from blurmatte.color.shadows import may_be_shadow
 from blurmatte.color.streak import check_not_gray, streak_of_color
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate

@@ -14,7 +14,7 @@ import numpy as np
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
+from blurmatte.color.shadows import check_no_shadow, may_be_shadow
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import (

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import ClassVar
 
+from blurmatte.color.shadows import darkness
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
@@ -30,7 +31,6 @@ from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.model.state import State
-from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
 
 # Variance inflation of residuals that another shape or light does not reduce

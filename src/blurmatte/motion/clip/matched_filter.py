@@ -8,7 +8,7 @@ import scipy
 
 from blurmatte.checks import Bools, Box, Floats, Floats32, rows_columns
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import may_be_shadow
+from blurmatte.color.shadows import may_be_shadow
 from blurmatte.color.streak import (
     projected_energy,
     projection_vectors,

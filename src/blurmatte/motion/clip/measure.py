@@ -19,6 +19,7 @@ from blurmatte.background import Matching
 from blurmatte.background.registration import CameraPath
 from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.color.model import ColorModel
+from blurmatte.color.shadows import shadow_around
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError, PlateError
 from blurmatte.matting.pixelwise import Pixelwise
@@ -43,7 +44,6 @@ from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, coded_frames, each_coded
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import fit_disc
-from blurmatte.sweep.shadow_mask import shadow_around
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 

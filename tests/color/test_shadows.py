@@ -7,7 +7,7 @@ import pytest
 
 from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadow_test import darker_pixels, may_be_shadow
+from blurmatte.color.shadows import darker_pixels, may_be_shadow
 from blurmatte.errors import ColorModelError
 from blurmatte.explain.grade import doubts
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve

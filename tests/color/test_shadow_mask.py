@@ -7,13 +7,13 @@ import pytest
 from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
+from blurmatte.color.shadows import cast_shadow_mask, darkness, shadow_around
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
 from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.rendering.scene import Shadow
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import fit_sweep
-from blurmatte.sweep.shadow_mask import cast_shadow_mask, darkness, shadow_around
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 144)
