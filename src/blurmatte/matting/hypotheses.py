@@ -212,11 +212,6 @@ class WeightedHypotheses:
         return listed(found, self.weights[: len(found)])
 
 
-def shape_log_odds(case: Case) -> tuple[float, float]:
-    """As `WeightedHypotheses.shape_log_odds`, of a case that was fitted at full size."""
-    return WeightedHypotheses.of(case, without_shape=True).shape_log_odds()
-
-
 @dataclass(frozen=True)
 class Swept(Solver):
     """Alpha from path and silhouette of the whole streak, fitted together with its color.

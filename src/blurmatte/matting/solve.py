@@ -22,7 +22,7 @@ from blurmatte.color.streak import check_not_gray, streak_of_color
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.case import Answer, Case, Pictures, Solver
-from blurmatte.matting.hypotheses import Averaged, Swept, shape_log_odds
+from blurmatte.matting.hypotheses import Averaged, Swept, WeightedHypotheses
 from blurmatte.matting.imputation import QuickSolver, solve_before_guess
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
 from blurmatte.matting.plate_check import warn_if_plate_differs
@@ -207,7 +207,8 @@ def shape_odds(
     pictures = _matched(image, plate, Matching.NONE, occluder)
     case, _ = _case_of(pictures, _Request(model, Averaged(), streak, start, prior))
     assert case.hypotheses is not None
-    return case.hypotheses.best, shape_log_odds(case)
+    found = WeightedHypotheses.of(case, without_shape=True)
+    return case.hypotheses.best, found.shape_log_odds()
 
 
 def _check(

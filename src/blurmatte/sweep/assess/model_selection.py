@@ -261,11 +261,6 @@ class Hypotheses:
         """The likeliest."""
         return self.sweeps[0]
 
-    @property
-    def weights(self) -> Array:
-        """(n,) of the sweeps; they sum to 1."""
-        return hypothesis_weights(list(self.evidence))
-
     def best_evidence(self, observation: Observation) -> Evidence:
         """The evidence for the likeliest in another observation."""
         observation, alpha = _seen_with(observation, self.best)
