@@ -1,6 +1,6 @@
-"""Levenberg–Marquardt steps from a start to the nearest point of least cost."""
+"""Levenberg–Marquardt steps to the nearest points of least cost, and which of these differ."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -29,6 +29,7 @@ class WithCost(Protocol):
 
 
 P = TypeVar("P", bound=WithCost)
+E = TypeVar("E")
 
 
 def descended(
@@ -87,6 +88,15 @@ def descended(
         else:
             damping = max(damping / _DECREASE, _MIN_DAMPING)
     return point, False
+
+
+def distinct(ends: Iterable[E], are_alike: Callable[[E, E], bool]) -> list[E]:
+    """Ends of searches, the best first, without those that are like a better one."""
+    kept: list[E] = []
+    for end in ends:
+        if not any(are_alike(end, better) for better in kept):
+            kept.append(end)
+    return kept
 
 
 def _increased(damping: float) -> float:

@@ -42,6 +42,7 @@ from blurmatte.deblurring.spin_search import (
     rotation_grid,
 )
 from blurmatte.deblurring.view import View, check_pictures_of
+from blurmatte.descent import distinct
 from blurmatte.errors import SpinError
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
@@ -212,12 +213,13 @@ def _candidates(view: View) -> list[ExplainedViews]:
 
 def _likely(states: Sequence[ExplainedViews]) -> list[ExplainedViews]:
     """Those with different rotations that are not far less likely than the first."""
-    kept: list[ExplainedViews] = []
-    for state in states:
-        away = [_rotation(state.views[0]) - _rotation(other.views[0]) for other in kept]
-        if _may_be_best(states[0], state) and all(np.linalg.norm(w) > SAME_MODE for w in away):
-            kept.append(state)
-    return kept
+
+    def are_near(one: ExplainedViews, other: ExplainedViews) -> bool:
+        """Whether two rotations are of one mode."""
+        away = _rotation(one.views[0]) - _rotation(other.views[0])
+        return bool(np.linalg.norm(away) <= SAME_MODE)
+
+    return distinct((one for one in states if _may_be_best(states[0], one)), are_near)
 
 
 def _unlikely(states: Sequence[ExplainedViews]) -> list[ExplainedViews]:

@@ -35,7 +35,7 @@ from blurmatte.deblurring.operator import (
 )
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
-from blurmatte.descent import descended
+from blurmatte.descent import descended, distinct
 
 # Grid, lattice and climbs of the search; angles in radians.
 NODES_PER_RADIUS = 5
@@ -312,13 +312,12 @@ def rotation_grid(spacing: float) -> Array:
 
 def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:
     """At most `most` that are further than an angle from all before them."""
-    kept: list[Mode] = []
-    for mode in modes:
-        if len(kept) == most:
-            break
-        if all(np.linalg.norm(mode.rotation - other.rotation) > angle for other in kept):
-            kept.append(mode)
-    return kept
+
+    def are_near(one: Mode, other: Mode) -> bool:
+        """Whether two rotations differ by no more than the angle."""
+        return bool(np.linalg.norm(one.rotation - other.rotation) <= angle)
+
+    return distinct(modes, are_near)[:most]
 
 
 def _entries(seen: SeenMoments, use: Bools, count: int, spin: Spin | None) -> Entries:

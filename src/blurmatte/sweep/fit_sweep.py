@@ -15,6 +15,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import check_no_shadow, may_be_shadow
+from blurmatte.descent import distinct
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import (
@@ -489,10 +490,11 @@ class _Candidates:
             )
         ]
         order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
-        distinct = _distinct([(*compared[i], self.candidates[i]) for i in order])
+        sorted_fits = [(*compared[i], self.candidates[i]) for i in order]
+        different = distinct(sorted_fits, lambda fit, better: _are_alike(fit[0], better[0]))
         kept = [
             (sweep, with_odds(known, search.observation, sweep, one.covariance is not None), one)
-            for sweep, known, one in distinct
+            for sweep, known, one in different
         ]
         probable = hypothesis_probabilities([known for _, known, _ in kept])
         order = np.argsort(-probable, kind="stable")
@@ -754,17 +756,9 @@ def _with_curve_errors(
     return tuple(found)
 
 
-def _distinct(
-    compared: Sequence[tuple[Sweep, Evidence, Candidate]],
-) -> list[tuple[Sweep, Evidence, Candidate]]:
-    """Without duplicates: paths of one family with nearly the same alpha as a likelier hypothesis."""
-    kept: list[tuple[Sweep, Evidence, Candidate]] = []
-    smallest = _MIN_ALPHA_DIFFERENCE
-    for sweep, evidence, candidate in compared:
-        alike = (one for one, *_ in kept if one.family is sweep.family)
-        if not any(one.rms_difference(sweep) < smallest for one in alike):
-            kept.append((sweep, evidence, candidate))
-    return kept
+def _are_alike(one: Sweep, other: Sweep) -> bool:
+    """Whether paths of one family have nearly the same alpha."""
+    return one.family is other.family and one.rms_difference(other) < _MIN_ALPHA_DIFFERENCE
 
 
 def _is_solid(sweep: Sweep) -> bool:

@@ -8,7 +8,6 @@ ring in which the whole object is visible (`rotation_ring`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools
+from blurmatte.descent import distinct
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.picture.error_budget import OverExposure, by_axis, check_exposure
@@ -218,7 +218,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     trials.sort(key=lambda trial: trial.misfit)
     # Trials use different pixels, so that their misfits differ by chance.
     most = trials[0].misfit * (1 + _CHANCE_STD * np.sqrt(2 / _PIXELS_PER_TRIAL))
-    rough = _distinct([trial.rotation for trial in trials if trial.misfit <= most])
+    rough = distinct([trial.rotation for trial in trials if trial.misfit <= most], _agree)
     fits = list[_Trial]()
     for one in rough:
         with suppress(MotionError) if fits else nullcontext():
@@ -240,15 +240,6 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
         if other is not best and best.gain_over(other) < _AMBIGUOUS_CHI2 * max(misfit, 1.0):
             _check_same(rotation, other.rotation)
     return rotation
-
-
-def _distinct(rotations: Sequence[Rotation]) -> list[Rotation]:
-    """Those whose angles differ from all before."""
-    found = list[Rotation]()
-    for one in rotations:
-        if not any(_agree(one, other) for other in found):
-            found.append(one)
-    return found
 
 
 def _agree(a: Rotation, b: Rotation) -> bool:

@@ -24,6 +24,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools, box_of, rows_columns
+from blurmatte.descent import distinct
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT, bic_penalty
@@ -90,8 +91,8 @@ def fit_free(fits: Sequence[State]) -> State | None:
     found.sort(key=lambda one: one.cost)
     if not found or found[0].price >= limit:
         return None
-    ends: list[_Problem] = []
-    for one in _distinct(found, _MIN_DIFFERENCE * coarse.scale)[:_FINALISTS]:
+    ends, least = list[_Problem](), _MIN_DIFFERENCE * coarse.scale
+    for one in distinct(found, lambda one, other: _apart(one, other) <= least)[:_FINALISTS]:
         start, rival = _with_cells(one.finer(fine), _FIRST_FINE_STEPS), _least_cost(ends)
         ends.append(_fitted(start, _MAX_FINE_STEPS, _FINE_TOLERANCE, rival))
     best_end = min(ends, key=lambda one: one.cost)
@@ -483,14 +484,10 @@ def _possible(color: Array) -> Array:
     return np.clip(color, 0, MAX_LIGHT)
 
 
-def _distinct(found: Sequence[_Problem], distance: float) -> list[_Problem]:
-    """Without those whose path is that of a better one."""
-    kept: list[_Problem] = []
-    for one in found:
-        curve = one.family.curve(one.path)
-        if all(np.abs(curve - k.family.curve(k.path)).max() > distance for k in kept):
-            kept.append(one)
-    return kept
+def _apart(one: _Problem, other: _Problem) -> float:
+    """Largest distance of two paths along an axis, pixels."""
+    curves = (each.family.curve(each.path) for each in (one, other))
+    return float(np.abs(next(curves) - next(curves)).max())
 
 
 def _squared(x: Array) -> Array:
