@@ -18,7 +18,8 @@ import numpy as np
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_toml, read_document
 from blurmatte.files.reading import read, read_layer
-from blurmatte.radiometry import SRGB, NoiseModel, named_transfer
+from blurmatte.radiometry import NoiseModel, named_transfer
+from blurmatte.radiometry.transfer import light_of_hex
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -346,4 +347,4 @@ def _light(name: str, color: Any) -> Any:
     """Linear light of a hex color."""
     if not (isinstance(color, str) and re.fullmatch("#[0-9a-fA-F]{6}", color)):
         raise ValueError(f"{name} must be a color like #d8ff3c, got {color!r}")
-    return SRGB.decode(np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255)
+    return light_of_hex(color)[0]
