@@ -19,6 +19,7 @@ from blurmatte.statistics import (
     core_mean_square,
     larger_covariance,
     nonnegative_least_squares,
+    relative_difference,
     robust_std,
     scaled_inverse,
     significant_inflation,
@@ -230,3 +231,11 @@ def test_the_larger_covariance_has_the_larger_variance_in_each_direction():
     assert_allclose(larger_covariance(one, 0 * one), one, atol=1e-9)
     units = np.outer(*2 * [np.array([1.0, 1e3, 1e-3, 1])])
     assert_allclose(larger_covariance(units * one, units * other) / units, larger, atol=1e-8)
+
+
+def test_relative_difference_is_of_the_larger_map():
+    """exact"""
+    a, b = np.array([1.0, 2.0, 0.0]), np.array([1.0, 3.0, 1.0])
+    expected = np.sqrt(2 / 11)
+    assert_allclose([relative_difference(a, b), relative_difference(b, a)], expected)
+    assert relative_difference(a, a) == 0

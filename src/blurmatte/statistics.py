@@ -125,6 +125,12 @@ def variance_inflation(e: Floats, use: Bools) -> Array:
     return np.stack(columns, axis=-1)
 
 
+def relative_difference(a: Array, b: Array) -> float:
+    """Root mean square difference of two maps, of the larger root mean square of both."""
+    energy = max(float((a**2).sum()), float((b**2).sum()), 1e-9)
+    return float(np.sqrt(((a - b) ** 2).sum() / energy))
+
+
 def core_mean_square(squares: Floats) -> float:
     """Variance of normal numbers from the lower 90 % of their squares; 1 if there are none.
 

@@ -7,6 +7,7 @@ import numpy as np
 from blurmatte.checks import Array, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import relative_difference
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import (
     ChromaBlur,
@@ -355,9 +356,7 @@ class Sweep:
     def rms_difference(self, other: "Sweep") -> float:
         """Root mean square difference of the alphas of two sweeps, of the larger alpha's."""
         box = enclosing([self.box, other.box])
-        a, b = (sweep.alpha_within(box) for sweep in (self, other))
-        energy = max(float((a**2).sum()), float((b**2).sum()), 1e-9)
-        return float(np.sqrt(((a - b) ** 2).sum() / energy))
+        return relative_difference(self.alpha_within(box), other.alpha_within(box))
 
     def before_file(
         self, image: LinearImage, plate: LinearImage, box: tuple[int, int, int, int]

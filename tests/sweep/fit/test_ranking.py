@@ -18,7 +18,6 @@ from blurmatte.sweep.fit.ranking import (
     is_source,
     ranked,
     rejection,
-    rms_difference,
     self_overlaps,
 )
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
@@ -98,16 +97,6 @@ def test_the_true_family_is_the_best_of_fits(family):
     rich = (ARC, PARABOLA, CUBIC, BOUNCE) if family is LINE else (LINE,)
     fits = [minimize(start.along(other), BOUNDS) for other in (family, *rich)]
     assert best_of(fits).family is family
-
-
-def test_rms_difference_is_of_the_larger_alpha(three):
-    """exact"""
-    line = three[1]
-    large = line.moved(line.path, np.array([14.0]))
-    a, b = line.swept.alpha, large.swept.alpha
-    expected = np.sqrt(((a - b) ** 2).sum() / (b**2).sum())
-    assert_allclose([rms_difference(line, large), rms_difference(large, line)], expected)
-    assert rms_difference(line, line) == 0
 
 
 def disc_on(family, path, radius=11.0, scene=BALL):

@@ -76,13 +76,6 @@ def bic_penalty(observation: Observation, parameters: int) -> float:
     return 0.5 * parameters * float(np.log(max(observation.weight.sum(), 2)))
 
 
-def rms_difference(one: State, other: State) -> float:
-    """Root mean square difference of the alphas of two states, of the larger alpha's."""
-    a, b = one.swept.alpha, other.swept.alpha
-    energy = max(float((a**2).sum()), float((b**2).sum()), 1e-9)
-    return float(np.sqrt(((a - b) ** 2).sum() / energy))
-
-
 def rejection(state: State) -> str:
     """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
     light = state.mean_color

@@ -11,10 +11,10 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.descent import descended
-from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, relative_difference
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
-from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
+from blurmatte.sweep.fit.ranking import bic_penalty
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE
@@ -137,7 +137,8 @@ def _alternated(
             break
         found = disc, cast
         reachable = disc.cost - (rounds - 1 - turn) * (before.cost - disc.cost)
-        if rms_difference(before, disc) < _CONVERGED_DIFFERENCE or reachable > rival:
+        changed = relative_difference(before.swept.alpha, disc.swept.alpha)
+        if changed < _CONVERGED_DIFFERENCE or reachable > rival:
             break
     best, cast = found
     assert cast is not None
