@@ -142,17 +142,17 @@ def core_mean_square(squares: Floats) -> float:
     return float(np.partition(squares, last - 1)[:last].mean()) / _CORE_MEAN
 
 
-def significant_inflation(squares: Floats, independent: int, significance: float = 2.5) -> float:
+def significant_inflation(squares: Floats, independent: int) -> float:
     """Variance inflation from squared standardized block sums; 1 if not significant.
 
     squares (N,): squares of block sums over their standard deviation for independent pixels.
     independent: how many of them are statistically independent.
-    significance: standard deviations of the mean square by which it must exceed 1.
     """
     if independent == 0 or len(squares) == 0:
         return 1.0
     factor = core_mean_square(squares)
-    return factor if factor > 1 + significance * np.sqrt(2 / independent) else 1.0
+    # By 2.5 standard deviations of the mean square.
+    return factor if factor > 1 + 2.5 * np.sqrt(2 / independent) else 1.0
 
 
 def pooled_log_odds(odds: Sequence[tuple[float, float]], mistake_probability: float) -> Array:

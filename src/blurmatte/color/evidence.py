@@ -284,13 +284,13 @@ def _octant(step: float) -> Array:
     return np.stack([np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.cos(t)], axis=1)
 
 
-def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> tuple[Array, Bools]:
+def _patch(center: Array, axes: Array, half: Array) -> tuple[Array, Bools]:
     """Grid of directions of non-negative light, and (2, g) which are at the ends of each axis.
 
     It extends by `half` to both sides of the center along the two axes, in gnomonic projection: great
     circles, and the valleys of plates of one hue, are straight lines.
     """
-    steps = np.linspace(-1, 1, count)
+    steps = np.linspace(-1, 1, 17)
     uv = np.stack([x.ravel() for x in np.meshgrid(steps, steps)])
     moved = center + (half[:, None] * uv).T @ axes.T
     lit = (moved >= 0).all(axis=1)
