@@ -93,10 +93,8 @@ def bandwidth(A: Sparse, lattice: Lattice | Sphere) -> int:
 
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
     """The equations of several pictures of one object."""
-    width = max(part.band.shape[2] for part in parts)
-    band = np.zeros((*parts[0].band.shape[:2], width))
-    for part in parts:
-        band[..., : part.band.shape[2]] += part.band
+    width = max(part.width for part in parts)
+    band = np.asarray(sum(part.widened(width).band for part in parts))
     right, energy = sum(p.right for p in parts), sum(p.energy for p in parts)
     return NormalEquations(band, np.asarray(right), np.asarray(energy), sum(p.count for p in parts))
 
@@ -120,14 +118,11 @@ class Normal:
         """Of the inverse covariances of the three channels."""
         return float(2 * 3 / len(self.factors) * np.log(self.factors[..., 0]).sum())
 
-    def channels(self) -> list[Array]:
-        """The factors (n, b + 1) of the three channels."""
-        return [self.factors[c % len(self.factors)] for c in range(3)]
-
     def solve(self, right: Array) -> Array:
         """Covariance (n, n) of each channel times vectors (3, n, k)."""
-        pairs = zip(self.channels(), right, strict=True)
-        return np.stack([scipy.linalg.cho_solve_banded((factor.T, True), r) for factor, r in pairs])
+        lower = [(self.factors[c % len(self.factors)].T, True) for c in range(3)]
+        pairs = zip(lower, right, strict=True)
+        return np.stack([scipy.linalg.cho_solve_banded(factor, r) for factor, r in pairs])
 
     def inverse(self) -> Array:
         """(n, n) covariance of the first channel, not banded."""
