@@ -14,7 +14,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats, as_array, check_map, check_same_size
-from blurmatte.layer import Layer
+from blurmatte.layer import Layer, check_layer
 
 
 def check_all_finite(name: str, value: Floats) -> None:
@@ -37,10 +37,9 @@ def checked_alphas(estimated: Floats, true: Floats) -> tuple[Floats, Floats, Boo
     return pair[0], pair[1], streak_of(pair[1])
 
 
-def check_finite_layer(name: str, value: object) -> None:
+def check_finite_layer(name: str, value: Layer) -> None:
     """Raise unless `value` is a Layer of finite numbers."""
-    if not isinstance(value, Layer):
-        raise TypeError(f"{name} must be a Layer, got {type(value).__name__}")
+    check_layer(name, value)
     check_all_finite(f"the alpha of {name}", value.alpha)
     check_all_finite(f"the premultiplied light of {name}", value.premultiplied)
 

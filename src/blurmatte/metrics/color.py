@@ -16,7 +16,7 @@ from blurmatte.checks import (
 )
 from blurmatte.layer import Layer
 from blurmatte.metrics.alpha import check_all_finite, check_finite_layer, picture_size, streak_of
-from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry import SRGB, LinearImage, check_picture
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,7 @@ def recomposite_psnr(estimated: Layer, true: Layer, background: LinearImage) -> 
     """
     for name, layer in (("estimated", estimated), ("true", true)):
         check_finite_layer(name, layer)
-    if not isinstance(background, LinearImage):
-        raise TypeError(f"background must be a LinearImage, got {type(background).__name__}")
+    check_picture("background", background)
     check_same_size("estimated", estimated.size, "true", true.size)
     box = rows_columns(box_of(streak_of(true.alpha)))
     seen, wanted = (_coded(layer.over(background).rgb[box]) for layer in (estimated, true))

@@ -11,7 +11,7 @@ object: crop all arguments to it for comparable numbers. Nothing is clipped.
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Floats, check_light, check_map
+from blurmatte.checks import Array, Floats, check_kind, check_light, check_map
 from blurmatte.metrics.alpha import check_all_finite
 from blurmatte.trajectory import Trajectory
 
@@ -52,9 +52,9 @@ def trajectory_iou(
     TypeError, ValueError
         If a path is not a Trajectory, or a number out of its range.
     """
-    for name, path in (("estimated", estimated), ("true", true)):
-        if not (isinstance(path, Trajectory) or (path is None and name == "estimated")):  # type: ignore[redundant-expr]
-            raise TypeError(f"{name} must be a Trajectory, got {type(path).__name__}")
+    hint = "use blurmatte.Trajectory.line(start, end)"
+    check_kind("estimated", estimated, Trajectory | None, hint)
+    check_kind("true", true, Trajectory, hint)
     if not (np.isfinite(radius) and radius > 0):
         raise ValueError(f"radius must be finite and above 0 pixels, got {radius}")
     if samples < 2:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from blurmatte.checks import Codes, Floats, check_light, check_not_negative
+from blurmatte.checks import Codes, Floats, check_kind, check_light, check_not_negative
 from blurmatte.jpeg.coding import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.sensor import variance_shares
@@ -87,14 +87,11 @@ class Camera:
     processing: Processing = _NO_PROCESSING
 
     def __post_init__(self) -> None:
-        if not isinstance(self.noise, NoiseModel):
-            raise TypeError(f"noise must be a NoiseModel, got {type(self.noise).__name__}")
+        check_kind("noise", self.noise, NoiseModel, "use blurmatte.NoiseModel(gain, read_std)")
         for name in ("code_std", "blur", "defocus"):
             check_not_negative(name, getattr(self, name))
-        if not isinstance(self.processing, Processing):
-            raise TypeError(
-                f"processing must be a Processing, got {type(self.processing).__name__}"
-            )
+        hint = "use blurmatte.rendering.processing.Processing()"
+        check_kind("processing", self.processing, Processing, hint)
         self._check_file()
 
     def _check_file(self) -> None:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, check_finite, check_positive
 from blurmatte.color.model import ColorModel
-from blurmatte.layer import Layer
+from blurmatte.layer import Layer, check_layer
 from blurmatte.rendering.coverage import box_coverage, cell_edges, polygon_coverage, resample
 from blurmatte.rendering.lighting import (
     Lamp,
@@ -164,8 +164,7 @@ class Sprite:
     layer: Layer
 
     def __post_init__(self) -> None:
-        if not isinstance(self.layer, Layer):
-            raise TypeError(f"layer must be a Layer, got {type(self.layer).__name__}")
+        check_layer("layer", self.layer)
         alpha, light = self.layer.alpha, self.layer.premultiplied
         check_finite("alpha", alpha)
         check_finite("premultiplied", light)

@@ -183,10 +183,8 @@ class Scene:
         object.__setattr__(self, "plate", check_light("plate", self.plate))
         if not np.all(np.isfinite(self.plate)):
             raise ValueError("plate must be finite")
-        if not isinstance(self.trajectory, Trajectory):
-            raise TypeError(
-                f"trajectory must be a Trajectory, got {type(self.trajectory).__name__}"
-            )
+        hint = "use blurmatte.Trajectory.line(start, end)"
+        check_kind("trajectory", self.trajectory, Trajectory, hint)
         if not 0 < self.opacity <= 1:
             raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
         for name in ("defocus", "pixel_filter"):

@@ -79,8 +79,7 @@ def measure_ball(
     0.122 ± 0.003 m; mostly from the radius
     """
     check_intrinsics("intrinsics", intrinsics)
-    if not isinstance(sweep, Sweep):
-        raise TypeError(f"sweep must be a Sweep, got {type(sweep).__name__}; use fit_sweep")
+    check_kind("sweep", sweep, Sweep, "use blurmatte.sweep.fit_sweep(image, plate)")
     intrinsics.check_size(sweep.size)
     _check_accepted(sweep, "the sweep does not explain the streak")
     n = len(sweep.path)
