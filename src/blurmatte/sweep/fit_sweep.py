@@ -656,7 +656,7 @@ def _quick_disc(
     inflation = noise_inflation(disc)
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).soft()
-    if has_pattern(disc) or (_is_varied(model, image) and _may_be_painted(disc)):
+    if has_pattern(disc) or _may_be_painted(disc, model, image):
         patterned = fit_pattern(disc, search.bounds)
         state = patterned.state.relit(disc.observation)
         return disc, search, before_loss(sweep_of(patterned, image), state, image)
@@ -686,14 +686,13 @@ def _patterned(
     return sweep_of(best, image), _evidence(disc.observation, best)
 
 
-def _may_be_painted(disc: State) -> bool:
-    """Whether a disc may have a pattern; one that the plate is seen through has the plate's."""
-    return may_have_pattern(disc) and _opacity_of(disc).value == 1
+def _may_be_painted(disc: State, model: ColorModel | None, image: LinearImage) -> bool:
+    """Whether a disc may have a pattern: of colors that vary, in an image whose file shows them all.
 
-
-def _is_varied(model: ColorModel | None, image: LinearImage) -> bool:
-    """Whether the colors of an object are known to vary, in an image whose file shows them all."""
-    return model is not None and model.rank > 1 and image.meta.sharing is None
+    One that the plate is seen through has the pattern of the plate.
+    """
+    is_varied = model is not None and model.rank > 1 and image.meta.sharing is None
+    return is_varied and may_have_pattern(disc) and _opacity_of(disc).value == 1
 
 
 def _refined(
