@@ -30,9 +30,13 @@ from blurmatte.sweep.model.silhouette import moments
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE, loss, student_weight
 
-_ORDERS = (2, 7)  # of the patterns that are fitted one after another, each from the one before
+# Of the patterns that are fitted one after another, each from the one before, while they are likelier.
+# Gloss and stripes have sharp edges: a pattern of too low an order moves the rim to imitate them.
+_ORDERS = 2, 7, 12
+_ORDERS_IN_COLOR = 2, 7  # where hues show the rim
 _STARTS = (1.0, 1.25)  # radii that fits start from, of the disc without
 _MAX_STEPS = 20
+_SAME = 0.1  # standard deviations by which parameters of fits that meet differ at most
 _MARGIN = 0.5  # around the streak, within which the disc may move, radii
 _MAX_MOVE = 0.25  # in a step, radii
 # Rounds of coefficients, weights and prior, at most, from a first prior and from that of a neighbor
@@ -66,22 +70,45 @@ def fit_patterns(state: State, bounds: tuple[float, float]) -> list[Candidate]:
     Their states have the residuals and the cost that the patterns leave. A side as bright as the plate
     is invisible, so that a disc without a pattern is rather too small.
     """
-    fits = []
+    fits: list[_PatternFit] = []
     for larger in _STARTS:
-        parameters, n = np.concatenate([state.path, state.shape]), len(state.path)
-        parameters[n] *= larger
-        for order in _ORDERS:
-            start = _PatternFit.of(state, bounds, parameters, order)
-            of, moved = _PatternFit.information, _PatternFit.moved
-            fit, converged = descended(start, of, moved, _MAX_STEPS, ROUGH_TOLERANCE)
-            parameters = fit.parameters
-            disc = state.moved(parameters[:n], parameters[n:])
-            e, known = fit.in_picture(disc.e), state.observation
-            cost = float(np.sum(known.weight * loss((e**2).sum(axis=0), known.channels)))
-            cost += sum(one.prior_cost for one in fit.patterns)
-            explained = replace(disc, e=e, cost=cost, converged=converged)
-            fits.append(Candidate(explained, covariance=fit.covariance))
-    return sorted(fits, key=lambda one: -one.state.cost)
+        parameters = np.concatenate([state.path, state.shape])
+        parameters[len(state.path)] *= larger
+        fits += _of_rising_order(state, bounds, parameters, fits)
+    return sorted(map(_candidate, fits), key=lambda one: -one.state.cost)
+
+
+def _of_rising_order(
+    state: State, bounds: tuple[float, float], parameters: Array, known: "list[_PatternFit]"
+) -> "list[_PatternFit]":
+    """Fits from some parameters, each from the one before, until a higher order is not likelier.
+
+    From where they meet one of the known fits they are the known ones.
+    """
+    fits: list[_PatternFit] = []
+    for order in _ORDERS if state.observation.channels == 1 else _ORDERS_IN_COLOR:
+        start = _PatternFit.of(state, bounds, parameters, order)
+        if len(fits) > 1 and start.cost >= fits[-1].cost:
+            break
+        of, moved = _PatternFit.information, _PatternFit.moved
+        fit, converged = descended(start, of, moved, _MAX_STEPS, ROUGH_TOLERANCE)
+        met = [k for k, one in enumerate(known) if fit.is_near(one)]
+        if met:
+            return fits + known[met[0] :]
+        fits.append(replace(fit, converged=converged))
+        parameters = fit.parameters
+    return fits
+
+
+def _candidate(fit: "_PatternFit") -> Candidate:
+    """The disc of a fit, with the residuals and the cost that its pattern leaves."""
+    known, n = fit.state.observation, len(fit.state.path)
+    disc = fit.state.moved(fit.parameters[:n], fit.parameters[n:])
+    e = fit.in_picture(disc.e)
+    cost = float(np.sum(known.weight * loss((e**2).sum(axis=0), known.channels)))
+    cost += sum(one.prior_cost for one in fit.patterns)
+    explained = replace(disc, e=e, cost=cost, converged=fit.converged)
+    return Candidate(explained, covariance=fit.covariance)
 
 
 def fit_pattern(state: State, bounds: tuple[float, float]) -> Candidate:
@@ -149,6 +176,7 @@ class _PatternFit:
     parameters: Array
     swept: Array  # (n, k) integrals of the functions; the first is alpha
     patterns: tuple[_Pattern, ...]  # along each axis
+    converged: bool = False
 
     @classmethod
     def of(
@@ -186,6 +214,12 @@ class _PatternFit:
             for k, one in enumerate(self.patterns)
         )
         return replace(self, parameters=parameters, swept=S, patterns=patterns)
+
+    def is_near(self, other: "_PatternFit") -> bool:
+        """Whether another fit has the same order, and parameters that hardly differ."""
+        apart = np.abs(self.parameters - other.parameters)
+        near = np.all(apart <= _SAME * np.sqrt(np.diag(self.covariance)))
+        return self.order == other.order and bool(near)
 
     def information(self) -> tuple[Array, Array]:
         """Curvature (p, p) and gradient (p,) of the cost; the patterns are integrated out."""
