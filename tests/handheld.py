@@ -10,6 +10,7 @@ from blurmatte.trajectory import Trajectory
 
 FINE = 3  # points of the scene along a pixel
 NOISE = 0.004
+STRAIGHT = np.zeros((2, 2))  # bends of a frame and of the scene
 
 
 def fine_scene(size, seed=3, tile=40):
@@ -24,11 +25,11 @@ def similarity(size, x=0.0, y=0.0, zoom=1.0, turn=0.0):
     return np.array([c - 1, -s, x / half, s, c - 1, y / half, 0, 0])
 
 
-def shown(points, size, h, lens=0.0):
+def shown(points, size, h, lens=0.0, bends=STRAIGHT):
     """(h, w, 3) light of a frame: means over its pixels; the scene is centered."""
     fine = tuple(FINE * side for side in size)
     corner = tuple(-((n - m) // 2) for n, m in zip(points.shape[1::-1], fine, strict=True))
-    how = Warp(h, fine, lens, PixelGrid(fine), PixelGrid(points.shape[1::-1], corner))
+    how = Warp(h, fine, lens, PixelGrid(fine), PixelGrid(points.shape[1::-1], corner), bends)
     width, height = size
     return warped(points, how).reshape(height, FINE, width, FINE, -1).mean(axis=(1, 3))
 

@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
 
 from blurmatte.background.warp import (
+    Warp,
     homography,
     interpolated_variance,
     map_points,
@@ -81,3 +85,26 @@ def test_interpolated_variance_equals_that_of_interpolated_noise(step):
     inner = warped(noise, np.array([0, 0, step / 100, 0, 0, step / 100, 0, 0]))[20:180, 20:180]
     xy = np.full((1, 2), 20 + step)
     assert inner.var() == pytest.approx(interpolated_variance(xy), rel=0.05)
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_a_bent_warp_and_its_inverse_cancel(upright):
+    # exact
+    bends = np.array([(0.03, -0.02), (-0.01, 0.04)])
+    how = Warp(np.array([0.02, 0.01, 0.1, -0.02, 0, 0.05, 0.01, 0]), (90, 60), -0.05)
+    how = replace(how, bends=bends, upright=upright)
+    xy = np.random.default_rng(0).uniform(0, 60, (50, 2))
+    assert_allclose(how.inverse.points(how.points(xy)), xy, atol=1e-6)
+
+
+@pytest.mark.parametrize("upright", [True, False])
+def test_pictures_are_interpolated_where_points_of_a_bent_warp_lie(upright):
+    # oracle: light that is linear in x and y
+    y, x = np.mgrid[:60, :90].astype(float)
+    how = replace(Warp(np.array([0.02, 0, 0.05, 0, 0, 0.02, 0, 0]), (90, 60)), upright=upright)
+    how = replace(how, bends=np.array([(0.03, -0.02), (-0.01, 0.04)]))
+    xy = np.stack([x, y], axis=-1).reshape(-1, 2)
+    found = warped_linearly(np.stack([x, y], axis=-1), how).reshape(-1, 2)
+    expected = how.points(xy)
+    inside = np.all((expected > 0) & (expected < (89, 59)), axis=1)
+    assert_allclose(found[inside], expected[inside], atol=1e-9)

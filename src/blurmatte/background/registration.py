@@ -2,7 +2,8 @@
 
 Every frame is predicted from the one before by the shift between both, and then fitted to the canvas,
 all that the frames before have shown. Both fits are those of a plate (`alignment`), so that what moves
-in the scene has little weight. A rolling shutter that shears a frame is part of its homography.
+in the scene has little weight. A rolling shutter that shears a frame is part of its homography, and
+one that bends it is fitted in addition.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from blurmatte.background.alignment import (
     LIGHTS,
     MAX_PIXELS,
     Alignment,
+    ComparedPair,
     fit_level,
     levels,
     residuals_and_slopes,
@@ -59,6 +61,12 @@ _LENS_STEP = 1e-4  # of its numerical derivative
 _MIN_LENS_STD = 4.0  # standard deviations that it must differ from 0 by
 _MIN_LENS_PX = 0.1  # and the displacement at the corners of a picture
 _MAX_LENS = 0.3
+
+
+# The bend of a frame by a rolling shutter.
+_MIN_BEND_STD = 4.0  # standard deviations that it must differ from 0 by
+_MIN_BEND_PX = 0.1  # and the displacement of its last row, pixels of the frames that are compared
+_BEND_ROUNDS = 4  # of a step and a fit of the homography, at most
 
 
 @dataclass(frozen=True)
@@ -128,6 +136,22 @@ class CameraPath:
         center = (np.array([self.size]) - 1) / 2
         seen = [view.points(center)[0] - center[0] for view in self.views if view is not None]
         return float(np.hypot(*np.array(seen).T).max())
+
+    @property
+    def delay_std(self) -> float:
+        """Error of the time when a frame shows a place, root mean square, intervals between frames.
+
+        0 unless frames are bent. A rolling shutter whose camera shakes shows the place in other rows
+        than the frames before and after, which are read at other times: to read a frame takes between
+        none and all of an interval.
+        """
+        seen = [view for view in self.views if view is not None]
+        if not any(view.bends.any() for view in seen) or len(seen) < 3:
+            return 0.0
+        center, across = (np.array([self.size]) - 1) / 2, int(seen[0].upright)
+        rows = np.array([view.points(center)[0, across] for view in seen]) / self.size[across]
+        shakes = rows[1:-1] - (rows[:-2] + rows[2:]) / 2
+        return float(np.sqrt(np.mean(shakes**2) / 3))
 
     def view(self, k: int) -> Warp:
         """That of a frame; PlateError, with the reason, if it has none."""
@@ -282,6 +306,7 @@ class _CanvasFit:
     """A frame fitted to what the canvas shows there."""
 
     alignment: Alignment
+    level: ComparedPair
     overlap: float
     residual: float
     image_std: float
@@ -305,7 +330,7 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasF
     rest = np.abs(fit.residuals * fine.sigma)[inside]
     residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
     C = fine.C[fine.xy[:, 1], fine.xy[:, 0]]
-    return _CanvasFit(fit, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
+    return _CanvasFit(fit, fine, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
 
 
 def _refusal(fit: _CanvasFit, size: tuple[int, int]) -> str:
@@ -337,7 +362,8 @@ def _registered(frames: Sequence[LinearImage], cell: int, lens: float) -> Camera
     assert isinstance(middle, Warp)
     back = inverse(middle.h)
     views = tuple(
-        Warp(composed(one.h, back), size, lens) if isinstance(one, Warp) else None for one in best
+        replace(one, h=composed(one.h, back), size=size) if isinstance(one, Warp) else None
+        for one in best
     )
     reasons = tuple(one if isinstance(one, str) else "" for one in best)
     return CameraPath(size, views, reasons, _canvas_of(views, size, cell), reference)
@@ -351,7 +377,7 @@ def _registered_to(plate: LinearImage, frames: Sequence[LinearImage], cell: int)
     grid = PixelGrid(small.size, (x // cell, y // cell))
     mosaic = _Mosaic.of_plate(small, grid, first)
     found = [mosaic.add(_cells(frame, cell)) for frame in frames]
-    views = tuple(Warp(one.h, size) if isinstance(one, Warp) else None for one in found)
+    views = tuple(replace(one, size=size) if isinstance(one, Warp) else None for one in found)
     reasons = tuple(one if isinstance(one, str) else "" for one in found)
     return CameraPath(size, views, reasons, PixelGrid(plate.size, (x, y)))
 
@@ -418,21 +444,22 @@ class _Mosaic:
     @classmethod
     def begun(cls, frame: LinearImage, lens: float) -> _Mosaic:
         """Of one frame."""
-        gray, view = frame.rgb.mean(axis=-1), Warp(np.zeros(8), frame.size, lens)
+        gray = frame.rgb.mean(axis=-1)
+        view = Warp(np.zeros(8), frame.size, lens, upright=_is_upright(frame))
         rgb, valid = frame.rgb.astype(np.float32), frame.valid.copy()
         return cls(rgb, valid, PixelGrid(frame.size), frame.size, lens, view, gray, gray)
 
     @classmethod
     def of_plate(cls, plate: LinearImage, grid: PixelGrid, frame: LinearImage) -> _Mosaic:
         """Of a plate, which stays as it is, for frames like this one."""
-        view = Warp(np.zeros(8), frame.size)
+        view = Warp(np.zeros(8), frame.size, upright=_is_upright(frame))
         gray = seen_through(replace(view, source=grid), plate).rgb.mean(axis=-1)
         known = plate.rgb.astype(np.float32), plate.valid, grid, frame.size
         return cls(*known, 0.0, view, gray, gray, grows=False)
 
     def jump_back(self) -> None:
         """Go on next to the first frame."""
-        self.view, self.gray = Warp(np.zeros(8), self.size, self.lens), self.first_gray
+        self.view, self.gray = replace(self.view, h=np.zeros(8)), self.first_gray
 
     def add(self, frame: LinearImage) -> Warp | str:
         """Register a frame, and add what it shows first; or why it is not registered."""
@@ -457,8 +484,15 @@ class _Mosaic:
         """The view of a frame that was fitted, and is added; or why it cannot be."""
         view = replace(start, h=composed(fit.h, start.h))
         if self.lens:  # the fit knows no lens
-            again = _fit(frame, self._seen(view), coarse=False)
-            view = replace(view, h=composed(again.h, view.h))
+            fit = _fit(frame, self._seen(view), coarse=False)
+            view = replace(view, h=composed(fit.h, view.h))
+        for _ in range(_BEND_ROUNDS):
+            bend = _bend(fit, view)
+            if np.array_equal(bend, view.bends[0]):
+                break
+            view = replace(view, bends=np.stack([bend, np.zeros(2)]))
+            fit = _fit(frame, self._seen(view), coarse=False)
+            view = replace(view, h=composed(fit.h, view.h))
         if why := self._pasted(frame, view, fit.alignment.light[0]):
             return why
         self.view, self.gray = view, gray
@@ -469,7 +503,7 @@ class _Mosaic:
         half = max(self.size) / 2
         for x, y in likely_shifts(self.gray, gray):
             h = np.array([0, 0, -x / half, 0, 0, -y / half, 0, 0])
-            yield replace(self.view, h=composed(h, self.view.h))
+            yield replace(self.view, h=composed(h, self.view.h), bends=np.zeros((2, 2)))
 
     def _seen(self, view: Warp) -> LinearImage:
         how = replace(view, source=self.grid)
@@ -497,6 +531,46 @@ class _Mosaic:
         return ""
 
 
+def _is_upright(frame: LinearImage) -> bool:
+    """Whether the sensor's rows follow one another along y."""
+    return frame.meta.readout in ("down", "up")
+
+
+def _bend(fit: _CanvasFit, view: Warp) -> Array:
+    """(2,) bend of a frame by a rolling shutter, revised by a fit if that is certain."""
+    across = int(view.upright)
+    moved = _centered(fit.level)[:, across, None, None] ** 2 * np.eye(2)
+    score, information = _beyond_homography(fit.level, fit.alignment, moved)
+    step = np.linalg.solve(information, score)
+    bend = np.asarray(view.bends[0] + step)
+    side = fit.level.size[across]
+    most = float(np.hypot(*bend)) * (side / max(fit.level.size)) ** 2 * max(view.size) / 2
+    is_certain = float(score @ step) > _MIN_BEND_STD**2 and most > _MIN_BEND_PX
+    return bend if is_certain else np.asarray(view.bends[0])
+
+
+def _centered(level: ComparedPair) -> Array:
+    """(n, 2) the points that are compared, in centered coordinates."""
+    return np.asarray((2 * level.xy + 1 - np.array(level.size)) / max(level.size), float)
+
+
+def _beyond_homography(level: ComparedPair, fit: Alignment, moved: Array) -> tuple[Array, Array]:
+    """Score (m,) and information (m, m) of parameters of which the homography takes a part.
+
+    moved (n, 2, m): displacements in the plate by them, in centered coordinates.
+    """
+    residuals, slopes = residuals_and_slopes(level, fit.h, fit.light, list(range(8)), [0])
+    depth = _centered(level) @ fit.h[6:] + 1
+    more = np.einsum("ncd,ndm->ncm", slopes[..., [2, 5]], moved * depth[:, None, None])
+    use = np.isfinite(residuals) & (np.abs(np.nan_to_num(residuals)) < 3 * fit.scale)
+    J = np.concatenate([slopes[..., :8], slopes[..., 8:] * np.eye(3), more], axis=-1)[use]
+    J, r, n = J / fit.scale, residuals[use] / fit.scale, J.shape[1] - moved.shape[2]
+    normal, gradient = J.T @ J + 1e-9 * np.eye(J.shape[1]), J.T @ r
+    taken = np.linalg.solve(normal[:n, :n], np.column_stack([normal[:n, n:], gradient[:n]]))
+    information = normal[n:, n:] - normal[n:, :n] @ taken[:, :-1]
+    return -(gradient[n:] - normal[n:, :n] @ taken[:, -1]), information
+
+
 def _lens(frames: Sequence[LinearImage], path: CameraPath, cell: int) -> tuple[float, float]:
     """Change of the lens term, and its error, from frames compared with the reference frame.
 
@@ -512,7 +586,7 @@ def _lens(frames: Sequence[LinearImage], path: CameraPath, cell: int) -> tuple[f
     some = sorted(reach, key=lambda k: -reach[k])
     equations = []
     for k in some:
-        view = Warp(path.view(k).h, reference.size, path.lens)
+        view = Warp(path.view(k).h, reference.size, path.lens)  # a lens looks like a bend
         seen = seen_through(view, reference)
         if k == middle or seen.valid.mean() < _LENS_MIN_OVERLAP or reach[k] < 0.02 * max(size):
             continue
@@ -533,18 +607,9 @@ def _lens_equation(frame: LinearImage, seen: LinearImage, view: Warp) -> tuple[f
     filled = np.where(seen.valid[..., None], seen.rgb, frame.rgb).astype(np.float32)
     level = next(levels(frame, LinearImage(filled, valid=seen.valid)))
     fit = fit_level(level, level.identity, _HOMOGRAPHY)
-    residuals, slopes = residuals_and_slopes(level, fit.h, fit.light, list(range(8)), [0])
     xy, step = level.xy.astype(float), _LENS_STEP
     more, less = (replace(view, lens=view.lens + d).points(xy) for d in (step, -step))
     back = view.inverse  # the displacement of the reference's pixels in those of the frame
     moved = (back.points(more) - back.points(less)) / (2 * step) * 2 / max(level.size)
-    depth = (xy * 2 / max(level.size) - np.array(level.size) / max(level.size)) @ fit.h[6:] + 1
-    by_lens = np.einsum("ncd,nd->nc", slopes[..., [2, 5]], moved * depth[:, None])
-    use = np.isfinite(residuals) & (np.abs(np.nan_to_num(residuals)) < 3 * fit.scale)
-    by_gains = slopes[..., 8:] * np.eye(3)
-    J = np.concatenate([slopes[..., :8], by_gains, by_lens[..., None]], axis=-1)[use] / fit.scale
-    r = residuals[use] / fit.scale
-    normal, gradient = J.T @ J + 1e-9 * np.eye(J.shape[1]), J.T @ r
-    taken = np.linalg.solve(normal[:-1, :-1], np.column_stack([normal[:-1, -1], gradient[:-1]]))
-    information = normal[-1, -1] - normal[-1, :-1] @ taken[:, 0]
-    return float(-(gradient[-1] - normal[-1, :-1] @ taken[:, 1])), float(information)
+    score, information = _beyond_homography(level, fit, moved[..., None])
+    return float(score[0]), float(information[0, 0])

@@ -9,11 +9,15 @@ identity:
 h₂ and h₅ are the shift. With a lens term k the points of both pictures are those that a lens without
 distortion would show: u becomes u (1 + k |u|²) before H, and its inverse follows H.
 
+A rolling shutter exposes rows one after another. The even part of the camera's motion between them
+shears and stretches the picture, as a homography does; the uneven part bends it: u becomes u + c v²,
+where v is the coordinate of u across the rows, before all else.
+
 All channels of a pixel share its position and its weights, and positions are not stored.
 """
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -60,6 +64,10 @@ class Warp:
         k.
     target, source : PixelGrid, optional
         Of the result, and of the picture that is interpolated; both as large as `size` if not given.
+    bends : (2, 2) float
+        c of the picture, and of the other.
+    upright : bool
+        Whether rows follow one another along y, and not along x.
     """
 
     h: Array
@@ -67,18 +75,25 @@ class Warp:
     lens: float = 0.0
     target: PixelGrid | None = None
     source: PixelGrid | None = None
+    bends: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    upright: bool = True
 
     def points(self, xy: Array) -> Array:
         """Positions (n, 2) of points xy (n, 2), pixels."""
         to = to_centered(self.size)
-        u = _undistorted(xy * to[0, 0] + to[:2, 2], self.lens)
+        u, v = xy * to[0, 0] + to[:2, 2], int(self.upright)
+        u = _undistorted(u + self.bends[0] * u[:, v, None] ** 2, self.lens)
         U = _distorted(_projected(self.h, u)[0], self.lens)
+        c = self.bends[1]
+        across = 2 * U[:, v, None] / (1 + np.sqrt(1 + 4 * c[v] * U[:, v, None]))
+        U = U - c * across**2
         return np.asarray((U - to[:2, 2]) / to[0, 0])
 
     @property
     def inverse(self) -> "Warp":
         """From the pixels of the other picture to those of this one."""
-        return Warp(inverse(self.h), self.size, self.lens)
+        h, bends = inverse(self.h), self.bends[::-1]
+        return Warp(h, self.size, self.lens, bends=bends, upright=self.upright)
 
 
 def _undistorted(u: Array, lens: float) -> Array:
@@ -178,7 +193,8 @@ def _between(nodes: Floats, pad: int, taps: int, how: Array | Warp, dtype: np.dt
     target, source = (grid or PixelGrid(whole.size) for grid in (whole.target, whole.source))
     width, height = target.size
     out = np.empty((height, width, nodes.shape[2]), dtype)
-    match = homography(whole.h), to_centered(whole.size), float(whole.lens)
+    bends = np.ascontiguousarray(whole.bends), int(whole.upright)
+    match = homography(whole.h), to_centered(whole.size), float(whole.lens), *bends
     origins = np.array([*target.origin, *source.origin], float)
     parts = int(np.clip(height * width / _PART_PIXELS, 1, min(height, 64)))
     edges = np.linspace(0, height, parts + 1).astype(int)
@@ -233,17 +249,22 @@ def warp(nodes, pad, taps, match, origins, first, out):  # type: ignore[no-untyp
 
     nodes (h + 2 pad, w + 2 pad, channels): of the picture and `pad` pixels around it. With 4 `taps`
     they are coefficients of a cubic spline, with 2 values between which is interpolated linearly.
-    match is (H, to, k): the homography, the matrix to its centered coordinates, (3, 3), and the lens
-    term. origins (4,): x and y of the first pixels of the result and of the picture.
+    match is (H, to, k, bends, across): the homography, the matrix to its centered coordinates, (3, 3),
+    the lens term, the bends (2, 2), and the coordinate across rows, 0 or 1. origins (4,): x and y of
+    the first pixels of the result and of the picture.
     Positions beyond the nodes are moved to the nearest.
     """
-    H, to, lens = match
+    H, to, lens, bends, across = match
+    bent = np.any(bends != 0)
     size, x_off, y_off = to[0, 0], to[0, 2], to[1, 2]
     height, width, channels = nodes.shape
     p, q, before = np.empty(taps), np.empty(taps), taps // 2 - 1
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
             a, b = (column + origins[0]) * size + x_off, (first + row + origins[1]) * size + y_off
+            if bent:
+                v = b if across == 1 else a
+                a, b = a + bends[0, 0] * v * v, b + bends[0, 1] * v * v
             if lens != 0:
                 longer = 1 + lens * (a * a + b * b)
                 a, b = a * longer, b * longer
@@ -257,6 +278,10 @@ def warp(nodes, pad, taps, match, origins, first, out):  # type: ignore[no-untyp
                     r -= (r + lens * r * r * r - R) / (1 + 3 * lens * r * r)
                 if R > 0:
                     U, V = U * r / R, V * r / R
+            if bent:
+                v = V if across == 1 else U
+                v = 2 * v / (1 + np.sqrt(1 + 4 * bends[1, across] * v))
+                U, V = U - bends[1, 0] * v * v, V - bends[1, 1] * v * v
             x, y = (U - x_off) / size - origins[2], (V - y_off) / size - origins[3]
             x = _within(x + pad, before, width - 1 - before)
             y = _within(y + pad, before, height - 1 - before)

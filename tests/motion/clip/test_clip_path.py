@@ -73,6 +73,14 @@ def test_curve_through_noiseless_frames_gives_their_ends_back():
         assert found.prior(k).points == pytest.approx(ends_of(k, fall), abs=1e-3)
 
 
+def test_an_error_of_the_time_moves_the_path_of_a_frame_along_itself():
+    """Exact: by a hundredth of the interval to the next frame."""
+    found = ClipPath.of(rows_of(fall))
+    sure, late = (found.prior(7, std).covariance for std in (0.0, 0.01))
+    by_time = np.linalg.norm(ends_of(8, fall)[1] - ends_of(6, fall)[1]) / 2 * 0.01
+    assert np.sqrt(np.trace((late - sure)[2:4, 2:4])) == pytest.approx(by_time, rel=1e-2)
+
+
 @pytest.mark.parametrize("path", [fall, circle, bounce])
 def test_errors_of_predictions_are_conservative(path):
     """Honest: of ends and middle, each frame from the others. The path may be less smooth than these,

@@ -107,8 +107,11 @@ class ClipPath(RobustCurve):
             "path through the other frames: more than noise explains."
         )
 
-    def prior(self, row: int) -> PathPrior | None:
-        """Begin, middle and end of the path in a row, as the other rows predict them."""
+    def prior(self, row: int, delay_std: float = 0.0) -> PathPrior | None:
+        """Begin, middle and end of the path in a row, as the other rows predict them.
+
+        delay_std: error of the time of the row, intervals between frames.
+        """
         if not (self.exposure > 0 and self.states.known[row]):
             return None
         d, x, V = self.exposure, self.states.mean[row], self.states.covariance[row]
@@ -117,6 +120,8 @@ class ClipPath(RobustCurve):
         by_exposure = np.concatenate([np.sign(t) * (x[2:4] + t * x[4:]) / 2 for t in times])
         covariance = student_inflation(4) * J @ V @ J.T
         covariance += self.exposure_std**2 * np.outer(by_exposure, by_exposure)
+        by_time = np.concatenate([x[2:4] + t * x[4:] for t in times])
+        covariance += delay_std**2 * np.outer(by_time, by_time)
         covariance += MIN_STD_PX**2 * np.eye(6)
         return PathPrior((J @ x).reshape(3, 2), covariance)
 
@@ -266,15 +271,21 @@ class ClipRadius(RobustCurve):
         return (float(radius), std) if radius > 0 and np.isfinite(std) else None
 
 
-def priors_of(rows: Sequence[FrameMotion]) -> tuple[list[MotionPrior | None], Bools]:
+def priors_of(
+    rows: Sequence[FrameMotion], delay_std: float = 0.0
+) -> tuple[list[MotionPrior | None], Bools]:
     """For each row of one object, what the other rows predict; and whether the row predicts others.
 
     The prior of a row has the radius and the path; None if too few rows predict them.
+
+    delay_std: error of the times of the rows, intervals between frames.
     """
     path, size = ClipPath.of(rows), ClipRadius.of(rows)
     radii = [size.predicted(k) for k in range(len(rows))]
     priors = [
-        None if radius is None else MotionPrior(*radius, path.prior(k), scatter=path.birge_ratio)
+        None
+        if radius is None
+        else MotionPrior(*radius, path.prior(k, delay_std), scatter=path.birge_ratio)
         for k, radius in enumerate(radii)
     ]
     return priors, path.used

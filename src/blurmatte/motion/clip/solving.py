@@ -350,8 +350,10 @@ def wanted_frames(
             wanted.append(one)
         else:
             objects.setdefault(row.object or 1, []).append(one)
+    camera = solver.scene.camera
+    delay_std = 0.0 if camera is None else camera.delay_std
     for mine in objects.values():
-        priors, used = priors_of([one.row for one in mine])
+        priors, used = priors_of([one.row for one in mine], delay_std)
         found = [replace(one, prior=prior) for one, prior in zip(mine, priors, strict=True)]
         found = _stretched(frames, found, used, solver, workers)
         known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
