@@ -454,10 +454,8 @@ def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-u
             colors[:, c] = own
             if c < varied:
                 away, step = scales(band[c], prior[c], own, mean[c], neighbors, stiffness)
-                spread[c], change[c] = (
-                    max(away, min_spread * length),
-                    max(step, min_spread * length),
-                )
+                spread[c] = max(away, min_spread * length)
+                change[c] = max(step, min_spread * length)
         _unexplained(first, nodes, hats, P, sharp, colors, left)
         if turn + 1 < rounds:
             for k in range(len(at)):
