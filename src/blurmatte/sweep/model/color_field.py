@@ -15,8 +15,9 @@ along each axis, the first sum over pairs of nodes of one cell. The weights w ar
 differences of ∇kᵀ M ∇k. Without motion M is 1 and w is 1 of neighbors. A pixel that the object passed
 by a length L shows k (s) = ∫ k₀(s − u) du / L; from node to node of pitch p that changes by
 (k₀(s) − k₀(s − L)) p/L, of the variance 2 κ² p²/L². So the stiffness M along the motion is larger by
-L² τ²/(2 p² κ²). The mean m is free; κ, the spread about it, and τ, the
-change from node to node, are estimated. An object of one paint has a spread along its own color
+L² τ²/(2 p² κ²). That holds for the second and third axis, of hue: brightness, along the first, also
+changes with the light along the path. The mean m is free; κ, the spread about it, and τ, the change
+from node to node, are estimated. An object of one paint has a spread along its own color
 alone, for shading varies; one of two paints, or in the light of two lamps, along two axes. The cost
 includes the volume of the posterior: it is the negative log marginal likelihood of alpha, and the
 same model holds for objects of one color and of many.
@@ -37,6 +38,7 @@ from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
 Light = tuple[Array, Array, Array, Array]
 AT_REST = np.zeros((2, 2))  # the `motion` of `fit_field`
+EVEN = np.array([1.0, 1.0, 0.0, 0.0])  # stiffness without motion
 
 # Settings of the fit of a field.
 _ROUNDS = 4  # of the colors, then their spread and the pixels' weights
@@ -97,22 +99,24 @@ class Grid:
     pitch: float  # pixels from node to node
     number: Ints64  # number of each node, −1 where there is none
     neighbors: Ints64  # (3, m) pairs of nodes of one cell, and the way between them
-    stiffness: Array  # (4,) float: weights of their squared differences, each way
     width: int  # of the lower band of a matrix that couples nodes of one cell
     size: int  # number of nodes
 
     @classmethod
-    def over(cls, alpha: Array, pitch: float, motion: Array = AT_REST) -> "Grid":
-        """The nodes of all cells where alpha (h, w) is not 0; `motion` is that of `fit_field`."""
+    def over(cls, alpha: Array, pitch: float) -> "Grid":
+        """The nodes of all cells where alpha (h, w) is not 0."""
         h, w = alpha.shape
         number = np.full((int(h / pitch) + 2, int(w / pitch) + 2), -1, np.int64)
         color_field_kernel.touched(alpha, pitch, number)
         neighbors, apart, size = color_field_kernel.numbered(number)
-        return cls(pitch, number, neighbors, stiffness_of(motion, pitch), 1 + apart, size)
+        return cls(pitch, number, neighbors, 1 + apart, size)
 
-    def differences(self) -> Array:
-        """(width, size) lower band of the matrix of the weighted sum of squared differences."""
-        pairs = self.neighbors, self.stiffness
+    def differences(self, stiffness: Array = EVEN) -> Array:
+        """(width, size) lower band of the matrix of the weighted sum of squared differences.
+
+        stiffness (4,): weights along rows, columns, and both diagonals.
+        """
+        pairs = self.neighbors, stiffness
         band = color_field_kernel.squared_differences(*pairs, self.width, self.size)
         return np.asarray(band)
 
@@ -185,7 +189,7 @@ def fit_field(
     pitch is that of the nodes, pixels; `of_none` are the `residuals_of_none` if they are known.
     motion (2, 2): mean of v vᵀ over the exposure, v the velocity in pixels per exposure.
     """
-    grid = Grid.over(alpha, pitch, motion)
+    grid, stiffness = Grid.over(alpha, pitch), np.stack([EVEN, stiffness_of(motion, pitch)])
     settings = np.array(
         [
             _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
@@ -193,7 +197,8 @@ def fit_field(
         ]
     )  # fmt: skip
     e = residuals_of_none(light) if of_none is None else of_none.copy()
-    pairs = grid.number, grid.differences(), grid.neighbors, grid.stiffness
+    differences = np.stack([grid.differences(one) for one in stiffness])
+    pairs = grid.number, differences, grid.neighbors, stiffness
     colors, prior, mean, mean_std, spread, change, cost, loss = color_field_kernel.fit(
         light, alpha, weight, pitch, pairs, settings, e
     )

@@ -410,17 +410,18 @@ def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-u
     """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
     change (3,) of each; the cost, and the change of the loss of the residuals e (3, h, w).
 
-    `grid` are `number`, the band of squared differences, the neighbors, and their stiffness. e are
-    those without the object, and are replaced where it was. `settings` are: rounds, rank, varied, the
-    deviation of colors across the model, the degrees of freedom of the residuals' t distribution, the
-    first spreads (3) and the smallest one, of the mean color's length, the smallest length, and the
-    number of independent channels.
+    `grid` are `number`, bands (2, width, n) of squared differences of even and of uneven stiffness,
+    the neighbors, and both stiffnesses (2, 4): the uneven one is that of the axes from the second to
+    the last varied one. e are those without the object, and are replaced where it was. `settings` are:
+    rounds, rank, varied, the deviation of colors across the model, the degrees of freedom of the
+    residuals' t distribution, the first spreads (3) and the smallest one, of the mean color's length,
+    the smallest length, and the number of independent channels.
     """
     rounds, rank, varied = int(settings[0]), int(settings[1]), int(settings[2])
     across, freedom, min_spread, min_length = settings[3], settings[4], settings[8], settings[9]
     channels = settings[10]
     number, differences, neighbors, stiffness = grid
-    width, n = differences.shape
+    _, width, n = differences.shape
     first, nodes, at, hats, P, sharp = seen(observed, alpha, pitch, number)
     own_weight = weight.ravel()[at]
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
@@ -443,8 +444,9 @@ def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-u
         cost = 0.0
         used[:], changed[:] = spread, change
         for c in range(3):
+            uneven = int(0 < c < varied)
             if turn == 0 or c < varied:
-                _write_prior(differences, spread[c], change[c], prior[c])
+                _write_prior(differences[uneven], spread[c], change[c], prior[c])
             if turn + 1 == rounds:  # that of axes with the same prior is the same
                 volume = volume if c > varied else _volume_of(prior[c])
             one, mean[c], std[c] = _mode_of(
@@ -453,7 +455,7 @@ def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-u
             cost += one
             colors[:, c] = own
             if c < varied:
-                away, step = scales(band[c], prior[c], own, mean[c], neighbors, stiffness)
+                away, step = scales(band[c], prior[c], own, mean[c], neighbors, stiffness[uneven])
                 spread[c] = max(away, min_spread * length)
                 change[c] = max(step, min_spread * length)
         _unexplained(first, nodes, hats, P, sharp, colors, left)

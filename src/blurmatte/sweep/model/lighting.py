@@ -22,7 +22,7 @@ import scipy
 from blurmatte.checks import Array
 from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.model.color_field import Grid
+from blurmatte.sweep.model.color_field import EVEN, Grid
 from blurmatte.sweep.model.color_field_kernel import corners, fit_axis, scales
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.student_t import student_weight
@@ -109,7 +109,7 @@ def fit_lighting(observation: Observation) -> Lighting:
         _values(pitch, grid.number, clipped, change)
         _chi2(*light, change, chi2)
         _values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
-        away, steps = scales(band, prior, nodes, 0.0, grid.neighbors, grid.stiffness)
+        away, steps = scales(band, prior, nodes, 0.0, grid.neighbors, EVEN)
         spread, step = (max(float(x), _MIN_SPREAD) for x in (away, steps))
     return Lighting(change, std, float(cost), observation.origin, observation.scale)
 
