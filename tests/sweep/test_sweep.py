@@ -159,7 +159,7 @@ def test_geometric_properties_are_consistent():
     assert sweep.alpha.shape == SIZE[::-1]
     assert sweep.softness == 0
     assert np.linalg.eigvalsh(sweep.covariance)[0] > 0
-    assert repr(sweep).startswith("Sweep(disc on a arc, ")
+    assert repr(sweep).startswith("Sweep(disc on an arc, ")
     assert f"radius {sweep.radius:.2f} ± {sweep.radius_std:.2f} px" in repr(sweep)
 
 

@@ -120,12 +120,12 @@ def explain(thing: object) -> list[str]:
     --------
     >>> for sentence in bm.explain(motion):
     ...     print(sentence)
-    Measured from the shape on a path that explains the streak: a disc on a straight line at
-    constant speed.
-    Mean position of its center: x 58.94 ± 0.12, y 37.027 ± 0.041 px.
-    Size: radius 9.994 ± 0.029 px (of a disc of its area, 313.8 ± 1.9 px), 19.987 ± 0.059 px
+    Measured from the shape on a path that explains the streak: a disc on an arc at constant
+    speed.
+    Mean position of its center: x 58.95 ± 0.12, y 37.024 ± 0.039 px.
+    Size: radius 9.993 ± 0.029 px (of a disc of its area, 313.7 ± 1.8 px), 19.986 ± 0.057 px
     wide across its path.
-    It went 59.64 ± 0.28 px in the direction 13.58 ± 0.10° from right towards up (right), or
+    It went 59.63 ± 0.26 px in the direction 13.59 ± 0.10° from right towards up (right), or
     the opposite one: one picture does not determine which.
     """
     for kind, words in _WORDS.items():

@@ -111,7 +111,7 @@ class Sweep:
     Examples
     --------
     >>> print(sweep)
-    Sweep(disc on a line, 59.6 px long, radius 9.99 ± 0.02 px, #ffc046, rank 1)
+    Sweep(disc on an arc, 59.6 px long, radius 9.99 ± 0.03 px, #ffc046, rank 1)
     >>> sweep.trajectory.at(0.5).round(1)
     array([58.9, 37. ])
     >>> print(f"{sweep.radius:.2f} ± {sweep.radius_std:.2f} pixels")
@@ -133,8 +133,9 @@ class Sweep:
     curve_covariance: Array | None = None
 
     def __repr__(self) -> str:
+        article = "an" if self.family.name[0] in "aeiou" else "a"
         return (
-            f"Sweep({self.silhouette.name} on a {self.family.name}, {self.length:.1f} px long, "
+            f"Sweep({self.silhouette.name} on {article} {self.family.name}, {self.length:.1f} px long, "
             f"radius {self.radius:.2f} ± {self.radius_std:.2f} px, {self.model.in_words})"
         )
 

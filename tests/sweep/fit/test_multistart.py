@@ -13,6 +13,7 @@ from tests.sweep.scenes import (
     FLAT,
     FLAT_BEFORE_TILES,
     NEUTRAL,
+    ONE_PAINT,
     PATHS,
     RADIUS,
     TIMES,
@@ -135,12 +136,12 @@ def test_a_soft_rim_is_taken_only_if_it_is_likelier():
         assert not searched(FLAT[LINE], seed).quick().silhouette.soft
 
 
-@pytest.mark.parametrize("blur", [0.0, 1.5])
-def test_the_disc_that_is_fitted_soft_first_is_that_of_both_fits(blur):
+@pytest.mark.parametrize(("blur", "color"), [(0.0, NEUTRAL), (1.5, ONE_PAINT)])
+def test_the_disc_that_is_fitted_soft_first_is_that_of_both_fits(blur, color):
     """invariant: with a sharp and a blurred rim."""
     image, plate = photographed(FLAT[LINE])
     image = replace(image, rgb=gaussian_filter(image.rgb, (blur, blur, 0)))
-    search = Multistart.of(require_streaks(image, plate)[0], image, plate, NEUTRAL)
+    search = Multistart.of(require_streaks(image, plate)[0], image, plate, color)
     both, soft = search.quick(), search.soft()
     assert soft.silhouette == both.silhouette
     assert soft.silhouette.soft == (blur > 0)
