@@ -136,7 +136,27 @@ def test_a_soft_rim_is_taken_only_if_it_is_likelier():
         assert not searched(FLAT[LINE], seed).quick().silhouette.soft
 
 
-@pytest.mark.parametrize(("blur", "color"), [(0.0, NEUTRAL), (1.5, ONE_PAINT)])
+@pytest.mark.parametrize(
+    ("blur", "color"),
+    [
+        (0.0, NEUTRAL),
+        (1.5, ONE_PAINT),
+        pytest.param(
+            1.5,
+            NEUTRAL,
+            marks=pytest.mark.xfail(
+                strict=True, reason="with free colors both searches end at twice the radius"
+            ),
+        ),
+        pytest.param(
+            0.0,
+            ONE_PAINT,
+            marks=pytest.mark.xfail(
+                strict=True, reason="a blur at its least value counts as surely blurred"
+            ),
+        ),
+    ],
+)
 def test_the_disc_that_is_fitted_soft_first_is_that_of_both_fits(blur, color):
     """invariant: with a sharp and a blurred rim."""
     image, plate = photographed(FLAT[LINE])
