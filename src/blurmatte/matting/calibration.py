@@ -33,6 +33,9 @@ MAX_REASONS = 3  # stated
 _RIM_SHARE = 0.35  # of the excess variance: position of the rim
 _CONSTANT_SHARE = 0.1  # of the excess variance: the same wherever the object may be
 _MIN_RIM_ERROR_PX = 0.03  # smallest error of the rim's position, root mean square
+_RIM_DOF = 3.0  # degrees of freedom: errors over claims of alpha spread by a factor of about 1.8
+_MAX_RIM_SHIFT = 8.0  # standard deviations of the rim's position
+_NEIGHBORS = np.ones((3, 3), bool), scipy.ndimage.generate_binary_structure(2, 1)  # in turn: a disc
 MIN_ALPHA = 0.004  # of the pixels that count as streak
 _MIN_CLAIM = 1e-4  # smallest claimed error of alpha
 _LARGE_CLAIM = 0.05  # claimed error of alpha from which on claims are not too small
@@ -170,23 +173,24 @@ def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -
     """Variance (h, w) of alpha that is 0 because the rim is at some distance.
 
     The rim's position has the variance that explains that of alpha by its slope, fitted to the streak
-    `use`. If it is normally distributed, alpha beyond the rim is 0 for two of the three nodes of Gauss
-    and Hermite's rule. The third is √3 standard deviations outside, and its weight is 1/6. The rim
-    moves by at most the radius of a disc of the same sum of alpha.
+    `use`, and a Student-t distribution, since this variance is an estimate: the result is the mean of
+    the square of alpha widened by whole pixels. The rim moves by at most the radius of a disc of the
+    same sum of alpha.
     """
     rim = use & np.isfinite(variance) & (slope > 0)
     if not rim.any():
         return np.zeros(alpha.shape)
     by_position = slope[rim] ** 2
-    position_std = np.sqrt(float(variance[rim] @ by_position / (by_position @ by_position)))
-    distance = min(np.sqrt(3) * position_std, np.sqrt(alpha[use].sum() / np.pi))
-    whole = int(distance)
-    x = np.arange(-whole - 1, whole + 2)
-    d = np.hypot(x, x[:, None])
-    nearer, farther = (
-        scipy.ndimage.maximum_filter(alpha, footprint=d <= n) for n in (whole, whole + 1)
-    )
-    return np.asarray((nearer + (distance - whole) * (farther - nearer)) ** 2 / 6)
+    std = np.sqrt(float(variance[rim] @ by_position / (by_position @ by_position)))
+    distance = np.arange(min(_MAX_RIM_SHIFT * std, np.sqrt(alpha[use].sum() / np.pi)) + 1)
+    scale = std * np.sqrt(1 - 2 / _RIM_DOF)
+    farther = scipy.special.stdtr(_RIM_DOF, -(distance + 0.5) / scale)  # that the rim moves by more
+    farther[-1] = 0.0
+    widened, mean_square = np.asarray(alpha), np.zeros(alpha.shape)
+    for i in range(1, len(distance)):
+        widened = scipy.ndimage.maximum_filter(widened, footprint=_NEIGHBORS[i % 2])
+        mean_square += (farther[i - 1] - farther[i]) * widened**2
+    return mean_square
 
 
 def calibrated_alone(
