@@ -112,3 +112,11 @@ def test_errors_of_the_radius_contain_a_side_as_bright_as_the_wall():
         z.append((sweep.radius - radius) / sweep.radius_std)
     assert np.mean(np.abs(z) < 3) >= 0.9
     assert 0.4 < np.sqrt(np.mean(np.square(z))) < 2
+
+
+def test_several_shapes_are_together_likelier_than_none():
+    """exact: alpha without a shape has the largest weight, but the shapes have more together"""
+    shapes, box = [None, None], (0, 0, 1, 1)
+    for weights, has_shape in (((0.3, 0.25, 0.45), True), ((0.25, 0.2, 0.55), False)):
+        known = shapes, [None], [True] * 3, np.array(weights), box, [], None
+        assert hypotheses.WeightedHypotheses(*known).has_shape is has_shape

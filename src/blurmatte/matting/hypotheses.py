@@ -117,6 +117,11 @@ class WeightedHypotheses:
         return self.all[int(np.argmax(self.weights))]
 
     @property
+    def has_shape(self) -> bool:
+        """Whether the shapes together are likelier than what has none."""
+        return float(self.weights[: len(self.shapes)].sum()) > 0.5
+
+    @property
     def scores(self) -> Array:
         """(n,) differences of evidence from the likeliest, nats, which the weights are made from."""
         return hypothesis_scores([one.evidence for one in self.all])
@@ -314,12 +319,20 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
         alpha_error=alpha_error,
         untried=untried,
     )
-    locates = found.best.has_shape
-    solver, factor = Swept() if locates else Smooth(), max(error / of_shape, 1.0)
+    solver = Swept() if found.best.has_shape else Smooth()
+    factor = max(error / of_shape, 1.0)
     assert fitted.hypotheses is not None
     between = found.between_shapes(fitted.hypotheses.observation)
     return Answer(
-        maps, model, maps.solved, stats, solver, factor, between, locates=locates, assumes=""
+        maps,
+        model,
+        maps.solved,
+        stats,
+        solver,
+        factor,
+        between,
+        locates=found.has_shape,
+        assumes="",
     )
 
 
