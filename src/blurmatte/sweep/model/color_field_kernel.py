@@ -406,6 +406,16 @@ def _replace(at, own, weight, freedom, channels, e):  # type: ignore[no-untyped-
 
 
 @njit()
+def _length_of_mean(band, right):  # type: ignore[no-untyped-def]
+    """Length of the one color of all nodes that fits best, given the normal equations."""
+    squared = 0.0
+    for c in range(3):
+        total = band[c, 0].sum() + 2 * band[c, 1:].sum()
+        squared += (right[c].sum() / max(total, 1e-9)) ** 2
+    return np.sqrt(squared)
+
+
+@njit()
 def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-untyped-def]
     """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
     change (3,) of each; the cost, and the change of the loss of the residuals e (3, h, w).
@@ -426,11 +436,7 @@ def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-u
     own_weight = weight.ravel()[at]
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
     _add(first, nodes, hats, P, sharp, own_weight, band, right)
-    length = 0.0
-    for c in range(3):
-        total = band[c, 0].sum() + 2 * band[c, 1:].sum()
-        length += (right[c].sum() / max(total, 1e-9)) ** 2
-    length = max(np.sqrt(length), min_length)
+    length = max(_length_of_mean(band, right), min_length)
     spread, change = np.empty(3), np.empty(3)
     for c in range(3):
         spread[c] = length * (settings[5 + c] if c < varied else max(across, min_spread))
