@@ -7,21 +7,21 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.operator import blur_operator, blurred, poses_of, seen_moments
+from blurmatte.deblurring.operator import poses_of, seen_moments
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette
 
 
 def operator(sweep, **kwargs):
-    return blur_operator(sweep, Lattice.of(sweep), Pixels.of_box(sweep.box), **kwargs).A
+    return Lattice.of(sweep).blur(sweep, Pixels.of_box(sweep.box), **kwargs).A
 
 
 def test_blurred_values_are_the_product(ball):
     lattice, pixels = Lattice.of(ball.sweep), Pixels.of_box(ball.sweep.box)
     poses = poses_of(ball.sweep, 0.1, 0.6)
-    A, _ = blur_operator(ball.sweep, lattice, pixels, poses)
+    A, _ = lattice.blur(ball.sweep, pixels, poses)
     values = np.random.default_rng(0).normal(size=(lattice.size, 2))
-    alpha, sums = blurred(values, ball.sweep, lattice, pixels, poses)
+    alpha, sums = lattice.blurred(values, ball.sweep, pixels, poses)
     assert_allclose(alpha, np.asarray(A.sum(axis=1)).ravel(), atol=1e-12)
     assert_allclose(sums, A @ values, atol=1e-12)
 
@@ -34,9 +34,10 @@ def test_the_moments_of_a_motion_serve_a_near_one(ball, change):
     values = np.random.default_rng(0).uniform(size=(lattice.size, 2))
     seen = seen_moments(sweep, pixels, poses_of(sweep, count=30))
     moved = replace(sweep, path=sweep.path + change[:4], shape=sweep.shape + change[4])
-    arguments = values, moved, lattice, pixels, poses_of(moved, count=30)
-    start = blurred(values, sweep, lattice, pixels, poses_of(sweep, count=30))
-    parts = zip(start, blurred(*arguments, seen), blurred(*arguments), strict=True)
+    arguments = values, moved, pixels, poses_of(moved, count=30)
+    start = lattice.blurred(values, sweep, pixels, poses_of(sweep, count=30))
+    found = lattice.blurred(*arguments, seen), lattice.blurred(*arguments)
+    parts = zip(start, *found, strict=True)
     for before, near, exact in parts:
         assert np.linalg.norm(near - exact) < 0.05 * np.linalg.norm(exact - before)
 
@@ -90,7 +91,7 @@ def test_agrees_with_interpolation_in_plain_loops(ball):
     pixels = Pixels((1, 1), (float(x), float(y)))
     near = np.hypot(*(np.array([[x, y]]) - poses.xy).T)
     rim = (near > sweep.radius - 1) & (near < sweep.radius + 1)
-    result = float((blur_operator(inner, lattice, pixels).A @ values)[0])
+    result = float((lattice.blur(inner, pixels).A @ values)[0])
     assert abs(result - expected) < np.abs(values).max() * poses.durations[0] * rim.sum() + 1e-12
 
 
@@ -128,7 +129,7 @@ def test_a_coarser_lattice_has_fewer_nodes_in_the_same_place(ball):
     values = np.zeros(lattice.size)
     values[lattice.node[lattice.node >= 0]] = ramp
     t = poses_of(ball.sweep, 0.5, 0.5)
-    A, _ = blur_operator(ball.sweep, lattice, Pixels.of_box(ball.sweep.box), t)
+    A, _ = lattice.blur(ball.sweep, Pixels.of_box(ball.sweep.box), t)
     x0, y0, x1, y1 = ball.sweep.box
     columns = np.tile(np.arange(x0, x1), y1 - y0)
     rows = np.repeat(np.arange(y0, y1), x1 - x0)

@@ -13,9 +13,9 @@ import blurmatte as bm
 from blurmatte.deblurring import sphere_kernel, spin_fit
 from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.normal_equations import gradient_prior
-from blurmatte.deblurring.operator import blur_operator, poses_of
+from blurmatte.deblurring.operator import poses_of
 from blurmatte.deblurring.priors import fit_strength
-from blurmatte.deblurring.refine import explained, scores, with_curvature
+from blurmatte.deblurring.refine import explained, scores
 from blurmatte.deblurring.spin import harmonics
 from blurmatte.deblurring.spin_search import Search, rotation_grid
 from blurmatte.deblurring.view import View
@@ -82,9 +82,9 @@ def test_without_a_turn_the_operator_is_that_of_a_flat_lattice(ball):
     """Exact for alpha, and for a color that both lattices interpolate within their pitch."""
     pixels = Pixels.of_box(ball.sweep.box)
     lattice, sphere = Lattice.of(ball.sweep), Sphere.of(8.0, 0.5)
-    flat = blur_operator(ball.sweep, lattice, pixels)
-    turned = blur_operator(
-        ball.sweep, sphere, pixels, poses_of(ball.sweep, spin=bm.deblurring.Spin(np.zeros(3)))
+    flat = lattice.blur(ball.sweep, pixels)
+    turned = sphere.blur(
+        ball.sweep, pixels, poses_of(ball.sweep, spin=bm.deblurring.Spin(np.zeros(3)))
     )
     assert_allclose(turned.alpha, flat.alpha, atol=1e-12)
     of_nodes = turned.A[:, : sphere.size]
@@ -100,7 +100,7 @@ def test_points_of_the_body_turn_as_scipy_turns_them(ball):
     turn, pattern = bm.deblurring.Spin(SPIN), np.array([0.3, -0.5, 0.8])
     pixels, poses = Pixels.of_box(ball.sweep.box), poses_of(ball.sweep, spin=turn)
     sphere = Sphere.of(8.0, 0.5)
-    A, _ = blur_operator(ball.sweep, sphere, pixels, poses)
+    A, _ = sphere.blur(ball.sweep, pixels, poses)
     row = int(np.argmax(np.asarray(A.sum(axis=1)).ravel()))
     x, y = row % pixels.shape[1] + pixels.origin[0], row // pixels.shape[1] + pixels.origin[1]
     expected, of_field = 0.0, np.zeros(8)
@@ -171,9 +171,10 @@ def test_secants_correct_the_curvature_along_their_steps():
     root = rng.normal(size=(6, 6))
     information, step = root @ root.T + np.eye(6), rng.normal(size=6)
     change = 0.3 * information @ step + 0.1 * rng.normal(size=6)
-    corrected = with_curvature(information, [(step, change)])
+    sphere = Sphere.of(8.0, 2.0)
+    corrected = sphere.with_curvature(information, [(step, change)])
     assert_allclose(corrected @ step, change)
-    against = with_curvature(information, [(step, -change)])  # a gradient that grows
+    against = sphere.with_curvature(information, [(step, -change)])  # a gradient that grows
     assert np.linalg.eigvalsh(against).min() > 0
 
 
@@ -189,8 +190,8 @@ def test_renders_the_spinning_ball_of_the_renderer():
     rows = (np.arccos(np.clip(-by, -1, 1)) / np.pi * texture.shape[0]).astype(int)
     color = texture[np.minimum(rows, 95), np.minimum(column, 191)]
     x0, y0, x1, y1 = sweep.box
-    A, _ = blur_operator(
-        sweep, sphere, Pixels.of_box(sweep.box), poses_of(sweep, spin=bm.deblurring.Spin(SPIN))
+    A, _ = sphere.blur(
+        sweep, Pixels.of_box(sweep.box), poses_of(sweep, spin=bm.deblurring.Spin(SPIN))
     )
     error = (A[:, : sphere.size] @ color).reshape(y1 - y0, x1 - x0, 3)
     error = error - case.truth.layer.premultiplied[y0:y1, x0:x1]

@@ -12,35 +12,71 @@ A point of the unit sphere is projected from the center on the faces of a cube. 
 is m, the angles atan(dₖ / |dₘ|) of the other two coordinates are divided into equal parts; neighboring
 faces share the nodes of their edge, so that a bilinear interpolation is continuous on the whole sphere.
 The distance of neighbors varies by 30 %. The sum of squared differences of neighbors does not depend on
-it, as the Dirichlet energy of a surface does not depend on scale.
+it, as the Dirichlet energy of a surface does not depend on scale. Poses turn the ball as well, and its
+light on the silhouette is a factor of the operator, see `spin`. Further columns are the harmonics of
+colored light, which does not turn.
 """
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Indices, Ints32
+from blurmatte.deblurring import sphere_kernel
+from blurmatte.deblurring.normal_equations import Nodes, Stencil
+from blurmatte.deblurring.operator import (
+    Entries,
+    Poses,
+    SeenMoments,
+    Sparse,
+    row_sums,
+    seen_moments,
+    sparse,
+)
+from blurmatte.deblurring.priors import GaussianFit
+from blurmatte.deblurring.spin import HARMONICS, harmonics
+from blurmatte.deblurring.view import View
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
 _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that is inclined
 MAX_NODES = 1500  # of a Cholesky factor that is not banded
-HARMONICS = 8  # of the light on a ball: those of orders 1 and 2
-FIELD_STD = 0.05  # of colored light: half of a factor's on gray paint, to which white light belongs
+_DERIVATIVE_STEP_PX = 1.0  # on a sphere: motion between two moments
+_LEAST_CURVATURE = 0.1  # along a secant, of that of the information
+
+Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 
 
-class Stencil(NamedTuple):
-    """Nodes (m, k) of m differences, and their coefficients (k,)."""
+class Surface(Nodes):
+    """Nodes of an object's own color, from whose light its motion is refined."""
 
-    nodes: Indices
-    coefficients: Array
+    @abstractmethod
+    def blurred(
+        self, values: Array, sweep: Sweep, pixels: Pixels, poses: Poses
+    ) -> tuple[Array, Array]:
+        """Alpha (h w,), and the operator times values of the first unknowns (n, c): (h w, c)."""
+
+    @abstractmethod
+    def derivatives(
+        self, view: View, fit: GaussianFit, A: Sparse, weight: Array
+    ) -> tuple[Array, Array]:
+        """J (pixels, 3, k) of the light of a view by its parameters, and changes of the volume.
+
+        The latter are (pixels, k), or (1, k) if they are omitted; see `refine`.
+        """
+
+    @abstractmethod
+    def with_curvature(self, information: Array, secants: Sequence[Secant]) -> Array:
+        """Information (k, k) about parameters, with the curvature measured between iterates."""
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
+class Lattice(Surface):
     """Nodes within a silhouette, and their order.
 
     Parameters
@@ -103,9 +139,59 @@ class Lattice:
         mixed = Stencil(_inside(*square), np.sqrt(2) * np.array([1.0, -1.0, -1.0, 1.0]))
         return _first(self.edges), Stencil(line, np.array([1.0, -2.0, 1.0])), mixed
 
+    def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
+        """A (pixels, nodes)."""
+        from blurmatte.deblurring import operator_kernel  # loads scipy.special
+
+        return sparse(operator_kernel.rows_of(*self._seen(poses, seen)), self.size)
+
+    def blurred(
+        self,
+        values: Array,
+        sweep: Sweep,
+        pixels: Pixels,
+        poses: Poses,
+        near: SeenMoments | None = None,
+    ) -> tuple[Array, Array]:
+        """Alpha, and the operator times values, which is not built; `near` is of a near motion."""
+        from blurmatte.deblurring import operator_kernel  # loads scipy.special
+
+        seen = self._seen(poses, seen_moments(sweep, pixels, poses, near))
+        alpha, sums = operator_kernel.sums_of(*seen, np.ascontiguousarray(values))
+        return np.asarray(alpha), np.asarray(sums)
+
+    def derivatives(
+        self, view: View, fit: GaussianFit, A: Sparse, weight: Array
+    ) -> tuple[Array, Array]:
+        """J by differences over a small step of each parameter; small changes of the volume are 0."""
+        color, count = fit.normal.mean, view.moment_count()
+        near = seen_moments(view.sweep, view.pixels, view.poses(count))
+
+        def model(moved: View) -> Array:
+            """Light (pixels, 3) of the picture."""
+            alpha, light = self.blurred(color, moved.sweep, view.pixels, moved.poses(count), near)
+            return light + view.through(alpha)
+
+        at, start, steps = view.parameters, model(view), view.steps
+        J = np.zeros((*start.shape, len(at)))
+        for k in np.flatnonzero(steps > 0):
+            moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
+            J[..., k] = (model(moved) - start) / steps[k]
+        return J, np.zeros((1, len(at)))
+
+    def with_curvature(self, information: Array, secants: Sequence[Secant]) -> Array:
+        """The information: a flat object's steps are good without."""
+        return information
+
+    def _seen(self, poses: Poses, seen: SeenMoments) -> tuple[Any, ...]:
+        """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
+        to_lattice = seen.to_disc * (self.radius / self.pitch)
+        grid = self.corner, self.node, seen.width
+        return poses.durations, seen.xy, to_lattice, *grid, seen.covered
+
 
 @dataclass(frozen=True, eq=False)
-class Sphere:
+class Sphere(Surface):
     """Nodes on a ball.
 
     Parameters
@@ -163,6 +249,78 @@ class Sphere:
         """Differences of first order alone: the cells are not square."""
         return (_first(self.edges),)
 
+    def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
+        """A (pixels, unknowns): nodes turn with the ball, columns of colored light do not."""
+        (first, moment, weight, normal), light, field = _lit(poses, seen)
+        entries = first, moment, weight * light, normal
+        turns = poses.spin.turns(poses.t)
+        A = sparse(sphere_kernel.rows_of(entries, turns, self.node, self.size), self.size)
+        colored = scipy.sparse.csr_matrix(row_sums(first, weight, field))
+        return scipy.sparse.hstack([A, colored], format="csr")
+
+    def blurred(
+        self, values: Array, sweep: Sweep, pixels: Pixels, poses: Poses
+    ) -> tuple[Array, Array]:
+        """Alpha, and the operator times values."""
+        A, alpha = self.blur(sweep, pixels, poses)
+        return alpha, np.asarray(A[:, : len(values)] @ values)
+
+    def derivatives(
+        self, view: View, fit: GaussianFit, A: Sparse, weight: Array
+    ) -> tuple[Array, Array]:
+        """J, and (pixels, k) changes of the volume.
+
+        Light is linear in the shading, whose derivatives need no differences.
+        """
+        color, spread = fit.normal.mean, weight * (A @ fit.normal.inverse())
+        at, steps, count = view.parameters, view.steps, view.moment_count(_DERIVATIVE_STEP_PX)
+        alpha, light, volume = self._projected(view, count, color, spread)
+        J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros((len(light), len(at)))
+        J[..., -HARMONICS:], volumes[:, -HARMONICS:] = light[..., 1:], 3 * volume[:, 1:]
+        for k in np.flatnonzero(steps[:-HARMONICS] > 0):
+            moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
+            other, changed, larger = self._projected(moved, count, color, spread)
+            away = changed[..., 0] - light[..., 0] + view.through(other) - view.through(alpha)
+            J[..., k] = away / steps[k]
+            volumes[:, k] = 3 * (larger[:, 0] - volume[:, 0]) / steps[k]
+        return J, volumes
+
+    def _projected(
+        self, view: View, count: int, color: Array, spread: Array
+    ) -> tuple[Array, Array, Array]:
+        """Alpha (h w,), the light A o of a color and a sum, and their changes by shading.
+
+        Light (h w, 3, 1 + k) and (A spreadᵀ)ₚₚ (h w, 1 + k) of the spin's light on the ball, then of
+        each of its harmonics, without the cost of storing A; of a number of moments.
+        """
+        poses = view.poses(count)
+        seen = seen_moments(view.sweep, view.pixels, poses)
+        entries, by_spin, by_field = _lit(poses, seen)
+        factors = np.concatenate([by_spin[:, None], by_field], axis=1)
+        turns = poses.spin.turns(poses.t)
+        light, total = sphere_kernel.projected(entries, turns, self.node, factors, color, spread)
+        first, _, weight, _ = entries
+        field = row_sums(first, weight, by_field)
+        light[..., 0] += field @ color[self.size :]
+        total[:, 0] += (field * spread[:, self.size :]).sum(axis=1)
+        return seen.alpha(poses.durations), light, total
+
+    def with_curvature(self, information: Array, secants: Sequence[Secant]) -> Array:
+        """The information with the curvature of the objective measured between iterates.
+
+        J contains the noise of the color, which the expected curvature does not. It is replaced in the
+        directions of the secants by damped BFGS updates [Nocedal & Wright 2006, 18.3].
+        """
+        M = information
+        for step, change in secants:
+            Ms = M @ step
+            expected, measured = step @ Ms, step @ change
+            if measured < _LEAST_CURVATURE * expected:
+                part = (1 - _LEAST_CURVATURE) * expected / (expected - measured)
+                change = part * change + (1 - part) * Ms
+            M = M - np.outer(Ms, Ms) / expected + np.outer(change, change) / (step @ change)
+        return np.asarray(M)
+
 
 def _first(edges: Indices) -> Stencil:
     """Differences of first order."""
@@ -178,3 +336,12 @@ def _inside(*nodes: Ints32) -> Indices:
     """(m, k) nodes of which none is missing."""
     together = np.stack([one.ravel() for one in nodes], axis=1)
     return together[(together >= 0).all(axis=1)].astype(np.intp)
+
+
+def _lit(poses: Poses, seen: SeenMoments) -> tuple[Entries, Array, Array]:
+    """Entries of the kernels; the light (m,) of the spin and the harmonics (m, k) at each."""
+    first, moment, part = seen.covered
+    normal = seen.normals
+    middle = normal.mean(axis=1)
+    entries = first, moment, poses.durations[moment] * part, normal
+    return entries, poses.spin.light(middle), harmonics(middle)

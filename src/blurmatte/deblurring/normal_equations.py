@@ -14,16 +14,62 @@ S[i + k, i]; as (b + 1, n) in Fortran's order this is the lower form of LAPACK, 
 are hundreds wide. `sweep.model.color_field_kernel` factors its narrow bands within compiled loops.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array
+from blurmatte.checks import Array, Indices
 from blurmatte.compiling import njit
-from blurmatte.deblurring.lattice import FIELD_STD, Lattice, Sphere
-from blurmatte.deblurring.operator import Sparse
+from blurmatte.deblurring.operator import Blur, Poses, SeenMoments, Sparse, poses_of, seen_moments
+from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.sweep import Sweep
+
+FIELD_STD = 0.05  # of colored light: half of a factor's on gray paint, to which white light belongs
+
+
+class Stencil(NamedTuple):
+    """Nodes (m, k) of m differences, and their coefficients (k,)."""
+
+    nodes: Indices
+    coefficients: Array
+
+
+class Nodes(ABC):
+    """Where a straight color is known: its unknowns, their differences, and how a picture sees them."""
+
+    @property
+    @abstractmethod
+    def size(self) -> int:
+        """Number of nodes."""
+
+    @property
+    @abstractmethod
+    def unknowns(self) -> int:
+        """Number of nodes, and of coefficients of light after them."""
+
+    @property
+    @abstractmethod
+    def edges(self) -> Indices:
+        """(m, 2) indices of neighbors, the smaller first."""
+
+    @property
+    @abstractmethod
+    def stencils(self) -> tuple[Stencil, ...]:
+        """Differences that a prior makes small: first those of first order, then others."""
+
+    @abstractmethod
+    def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
+        """A (pixels, unknowns): straight color → premultiplied light."""
+
+    def blur(self, sweep: Sweep, pixels: Pixels, poses: Poses | None = None) -> Blur:
+        """The operator of the pixels of a box, and alpha; by default of the whole exposure."""
+        poses = poses_of(sweep) if poses is None else poses
+        seen = seen_moments(sweep, pixels, poses)
+        return Blur(self.operator(poses, seen), seen.alpha(poses.durations))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,9 +94,7 @@ class NormalEquations:
     count: int
 
     @classmethod
-    def of(
-        cls, A: Sparse, light: Array, weight: Array, lattice: Lattice | Sphere
-    ) -> "NormalEquations":
+    def of(cls, A: Sparse, light: Array, weight: Array, lattice: Nodes) -> "NormalEquations":
         """The equations of one picture: light (pixels, 3), and weight, 0 where there is no light.
 
         A weight (pixels, 1) is that of all channels.
@@ -84,7 +128,7 @@ class NormalEquations:
         return float(self.energy.sum() - np.sum(self.right * normal.mean.T))
 
 
-def bandwidth(A: Sparse, lattice: Lattice | Sphere) -> int:
+def bandwidth(A: Sparse, lattice: Nodes) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
     edges = lattice.edges
     apart = int((edges[:, 1] - edges[:, 0]).max())
@@ -176,7 +220,7 @@ def posterior(equations: NormalEquations, prior: Array) -> Normal:
     return replace(found, mean=found.solve(equations.right[..., None])[..., 0].T)
 
 
-def gradient_prior(lattice: Lattice | Sphere, width: int) -> Array:
+def gradient_prior(lattice: Nodes, width: int) -> Array:
     """The band (n, width) of Q: oᵀ Q o = Σ (oᵢ − oⱼ)² over the edges of a lattice."""
     band, (i, j) = np.zeros((lattice.unknowns, width)), lattice.edges.T
     band[:, 0] = np.bincount(lattice.edges.ravel(), minlength=lattice.unknowns)

@@ -8,9 +8,7 @@ with the silhouette χ, its center cₜ and its map Lₜ at exposure fraction t.
 exact at every moment; only o is interpolated. To interpolate the product χ o instead would blur the rim
 and make alpha wrong by several percent. Rows of A sum to alpha.
 
-The nodes are those of a flat lattice, or those of a `Sphere` for a ball that spins: then the poses turn
-the ball as well, and its light on the silhouette is a factor, see `spin`. Further columns are the
-harmonics of colored light, which does not turn.
+This file has the poses, and when pixels see the object. A is that of its nodes: see `lattice`.
 """
 
 from dataclasses import dataclass
@@ -21,8 +19,7 @@ import scipy
 
 from blurmatte.checks import Array, Ints32, Ints64
 from blurmatte.deblurring import sphere_kernel
-from blurmatte.deblurring.lattice import Lattice, Sphere
-from blurmatte.deblurring.spin import Spin, harmonics
+from blurmatte.deblurring.spin import Spin
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
@@ -92,56 +89,10 @@ def poses_of(
     return Poses(t, durations, xy, maps, spin or Spin(np.zeros(3)))
 
 
-def blur_operator(
-    sweep: Sweep, lattice: Lattice | Sphere, pixels: Pixels, poses: Poses | None = None
-) -> Blur:
-    """A (h w, n) of the pixels of a box: straight color → premultiplied light; and alpha.
-
-    Columns are the unknowns of a lattice, or of a sphere if the poses have a spin.
-    """
-    poses = poses_of(sweep) if poses is None else poses
-    seen = seen_moments(sweep, pixels, poses)
-    if isinstance(lattice, Lattice):
-        from blurmatte.deblurring import operator_kernel  # loads scipy.special
-
-        A = sparse(operator_kernel.rows_of(*_on_lattice(lattice, poses, seen)), lattice.size)
-        return Blur(A, seen.alpha(poses.durations))
-    (first, moment, weight, normal), light, field = _on_sphere(poses, seen)
-    entries = first, moment, weight * light, normal
-    turns = poses.spin.turns(poses.t)
-    A = sparse(sphere_kernel.rows_of(entries, turns, lattice.node, lattice.size), lattice.size)
-    colored = scipy.sparse.csr_matrix(row_sums(first, weight, field))
-    A = scipy.sparse.hstack([A, colored], format="csr")
-    return Blur(A, seen.alpha(poses.durations))
-
-
 def sparse(rows: tuple[Array, Array, Array], columns: int) -> Sparse:
     """The matrix of compressed sparse rows of a kernel."""
     first, column, values = rows
     return scipy.sparse.csr_matrix((values, column, first), shape=(len(first) - 1, columns))
-
-
-def blurred(
-    values: Array,
-    sweep: Sweep,
-    lattice: Lattice,
-    pixels: Pixels,
-    poses: Poses,
-    near: "SeenMoments | None" = None,
-) -> tuple[Array, Array]:
-    """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
-    from blurmatte.deblurring import operator_kernel  # loads scipy.special
-
-    moments = _on_lattice(lattice, poses, seen_moments(sweep, pixels, poses, near))
-    alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
-    return np.asarray(alpha), np.asarray(sums)
-
-
-def _on_lattice(lattice: Lattice, poses: Poses, seen: "SeenMoments") -> tuple[Any, ...]:
-    """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
-    to_lattice = seen.to_disc * (lattice.radius / lattice.pitch)
-    grid = lattice.corner, lattice.node, seen.width
-    return poses.durations, seen.xy, to_lattice, *grid, seen.covered
 
 
 class SeenMoments(NamedTuple):
@@ -190,37 +141,8 @@ def seen_moments(
     return SeenMoments(covered, xy, np.asarray(to_disc, float), pixels.shape[1], sweep.shape, rim)
 
 
-def projected(
-    sweep: Sweep, sphere: Sphere, pixels: Pixels, poses: Poses, color: Array, spread: Array
-) -> tuple[Array, Array, Array]:
-    """Alpha (h w,), the light A o of a color and a sum, and their changes by shading.
-
-    Light (h w, 3, 1 + k) and (A spreadᵀ)ₚₚ (h w, 1 + k) of the spin's light on the ball, then of each
-    of its harmonics, without the cost of storing A.
-    """
-    seen = seen_moments(sweep, pixels, poses)
-    entries, by_spin, by_field = _on_sphere(poses, seen)
-    factors = np.concatenate([by_spin[:, None], by_field], axis=1)
-    turns = poses.spin.turns(poses.t)
-    light, total = sphere_kernel.projected(entries, turns, sphere.node, factors, color, spread)
-    first, _, weight, _ = entries
-    field = row_sums(first, weight, by_field)
-    light[..., 0] += field @ color[sphere.size :]
-    total[:, 0] += (field * spread[:, sphere.size :]).sum(axis=1)
-    return seen.alpha(poses.durations), light, total
-
-
 def row_sums(first: Ints64, weight: Array, values: Array) -> Array:
     """(pixels, k) weighted sums of values (m, k) over the entries of each pixel."""
     own = np.repeat(np.arange(len(first) - 1), np.diff(first))
     sums = [np.bincount(own, weight * value, len(first) - 1) for value in values.T]
     return np.stack(sums, axis=1)
-
-
-def _on_sphere(poses: Poses, seen: SeenMoments) -> tuple[Entries, Array, Array]:
-    """Entries of the kernels; the light (m,) of the spin and the harmonics (m, k) at each."""
-    first, moment, part = seen.covered
-    normal = seen.normals
-    middle = normal.mean(axis=1)
-    entries = first, moment, poses.durations[moment] * part, normal
-    return entries, poses.spin.light(middle), harmonics(middle)

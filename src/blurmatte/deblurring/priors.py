@@ -44,10 +44,11 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array
-from blurmatte.deblurring.lattice import Lattice, Sphere, Stencil
 from blurmatte.deblurring.normal_equations import (
+    Nodes,
     Normal,
     NormalEquations,
+    Stencil,
     cholesky_of,
     gradient_prior,
     inverse_band,
@@ -81,7 +82,7 @@ class Differences:
     stencils: tuple[Stencil, ...]
 
     @classmethod
-    def of(cls, lattice: Lattice | Sphere) -> "Differences":
+    def of(cls, lattice: Nodes) -> "Differences":
         """Those of a lattice or a sphere."""
         return cls(lattice.unknowns, lattice.stencils)
 
@@ -177,7 +178,7 @@ class GaussianFit:
     log_evidence: float
 
 
-def fit_gaussian(equations: NormalEquations, lattice: Lattice | Sphere) -> GaussianFit:
+def fit_gaussian(equations: NormalEquations, lattice: Nodes) -> GaussianFit:
     """The posterior for the likeliest strength."""
     Q = gradient_prior(lattice, equations.width)
     bounds = -2 * np.log(_MAX_CONTRAST), -2 * np.log(_MIN_CONTRAST)

@@ -31,31 +31,18 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.deblurring.lattice import HARMONICS, Lattice, Sphere
+from blurmatte.deblurring.lattice import Lattice, Secant, Surface
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
-from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
+from blurmatte.deblurring.operator import Blur
 from blurmatte.deblurring.priors import GaussianFit, fit_gaussian, fit_strength, refit_strength
 from blurmatte.deblurring.view import View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.statistics import scaled_inverse
 
-Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
-
 LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
 MAX_STEPS = 8  # of one refinement
-_DERIVATIVE_STEP_PX = 1.0  # on a sphere: motion between two moments
 _LEAST_RADIUS = 8.0  # of an object in coarse pictures, nodes
-
-# Of secants that correct the curvature.
-#
-# Parameters
-# ----------
-# least_curvature : float
-# Along a step, of that of the information.
-# longest_std : float
-# Length of a step, standard deviations: over longer ones the curvature changes.
-_LEAST_CURVATURE = 0.1
-_LONGEST_STD = 6.0
+_LONGEST_STD = 6.0  # of a step that measures the curvature, which changes over longer ones
 _SAMPLES = 4  # of noise in a picture
 
 
@@ -79,14 +66,14 @@ class ExplainedViews:
     equations: NormalEquations
     fit: GaussianFit
 
-    def of_channels(self, lattice: Lattice | Sphere) -> NormalEquations:
+    def of_channels(self, lattice: Surface) -> NormalEquations:
         """The equations with the weights of each channel."""
         views = [replace(view, shared_weight=False) for view in self.views]
         return _equations(views, self.blurs, _weights(views, self.blurs), lattice)
 
 
 def explained(
-    views: Sequence[View], lattice: Lattice | Sphere, weights: Sequence[Array] | None = None
+    views: Sequence[View], lattice: Surface, weights: Sequence[Array] | None = None
 ) -> ExplainedViews:
     """The color that explains views, with the likeliest strength of its prior.
 
@@ -99,9 +86,7 @@ def explained(
     return ExplainedViews(tuple(views), tuple(blurs), tuple(weights), equations, fit)
 
 
-def _moved(
-    views: Sequence[View], first: ExplainedViews, lattice: Lattice | Sphere
-) -> ExplainedViews:
+def _moved(views: Sequence[View], first: ExplainedViews, lattice: Surface) -> ExplainedViews:
     """Views with another motion, under the weights and the prior of the first state."""
     blurs = [view.blur(lattice) for view in views]
     equations = _equations(views, blurs, first.weights, lattice)
@@ -119,7 +104,7 @@ def _equations(
     views: Sequence[View],
     blurs: Sequence[Blur],
     weights: Sequence[Array],
-    lattice: Lattice | Sphere,
+    lattice: Surface,
 ) -> NormalEquations:
     parts = zip(views, blurs, weights, strict=True)
     return summed([view.equations(blur, lattice, weight) for view, blur, weight in parts])
@@ -127,7 +112,7 @@ def _equations(
 
 def refined(
     views: Sequence[View],
-    lattice: Lattice | Sphere,
+    lattice: Surface,
     steps: int = MAX_STEPS,
     weights: Sequence[Array] | None = None,
     least_gain: float = LEAST_GAIN,
@@ -135,22 +120,35 @@ def refined(
     """The views with the likeliest paths, shapes and spins, and their covariance, by some steps.
 
     They end where a step is expected to increase the log evidence by less than the least gain. Without
-    weights they are those of the first motion, then, for a flat object, of the refined one; and the
-    steps start from the likeliest motions in pictures of blocks of pixels.
+    weights they are those of the first motion.
     """
-    known, start = views, _parameters(views)
-    if weights is None and isinstance(lattice, Lattice):
-        known = [view.for_path() for view in views]
-        for by in (4, 2):
-            if lattice.radius / (by * lattice.pitch) >= _LEAST_RADIUS:
-                nodes = Lattice.of(views[0].sweep, by * lattice.pitch)
-                coarse = _likeliest([view.coarser(by) for view in known], start, nodes)
-                start = _parameters(coarse[0].views)
-    state, information = _likeliest(known, start, lattice, weights, steps, least_gain)
-    covariance = scaled_inverse(information)
-    state = replace(state, views=tuple(_at(views, _parameters(state.views), covariance)))
-    if weights is None and isinstance(lattice, Lattice):
-        state = _within_streak(state, lattice)
+    found = _likeliest(views, _parameters(views), lattice, weights, steps, least_gain)
+    return _with_likeliest_strength(_known_to(views, *found), lattice)
+
+
+def refined_flat(views: Sequence[View], lattice: Lattice) -> ExplainedViews:
+    """As `refined` for a flat object, with the weights of the refined motion.
+
+    The steps start from the likeliest motions in pictures of blocks of pixels.
+    """
+    known, start = [view.for_path() for view in views], _parameters(views)
+    for by in (4, 2):
+        if lattice.radius / (by * lattice.pitch) >= _LEAST_RADIUS:
+            nodes = Lattice.of(views[0].sweep, by * lattice.pitch)
+            coarse = _likeliest([view.coarser(by) for view in known], start, nodes)
+            start = _parameters(coarse[0].views)
+    state = _known_to(views, *_likeliest(known, start, lattice))
+    return _with_likeliest_strength(_within_streak(state, lattice), lattice)
+
+
+def _known_to(views: Sequence[View], state: ExplainedViews, information: Array) -> ExplainedViews:
+    """The state with the views at its parameters, and their covariance."""
+    at = _at(views, _parameters(state.views), scaled_inverse(information))
+    return replace(state, views=tuple(at))
+
+
+def _with_likeliest_strength(state: ExplainedViews, lattice: Surface) -> ExplainedViews:
+    """The state with the likeliest strength of the prior near its own."""
     Q = gradient_prior(lattice, state.equations.width)
     return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
 
@@ -158,7 +156,7 @@ def refined(
 def _likeliest(
     known: Sequence[View],
     start: Array,
-    lattice: Lattice | Sphere,
+    lattice: Surface,
     weights: Sequence[Array] | None = None,
     steps: int = MAX_STEPS,
     least_gain: float = LEAST_GAIN,
@@ -169,12 +167,12 @@ def _likeliest(
     secants, before = list[Secant](), None
     for _ in range(steps):
         information, gradient = information_of(state, first, lattice)
-        if before is not None and isinstance(lattice, Sphere):
+        if before is not None:
             last = _parameters(state.views) - before[0]
             if last @ information @ last < _LONGEST_STD**2:
                 secants.append((last, before[1] - gradient))
         before = _parameters(state.views), gradient
-        information = with_curvature(information, secants)
+        information = lattice.with_curvature(information, secants)
         step = scaled_inverse(information) @ gradient
         if gradient @ step / 2 < least_gain:
             break
@@ -185,7 +183,7 @@ def _likeliest(
     return state, information
 
 
-def _within_streak(state: ExplainedViews, lattice: Lattice | Sphere) -> ExplainedViews:
+def _within_streak(state: ExplainedViews, lattice: Surface) -> ExplainedViews:
     """The equations of the pixels that see the object, with the refined error of alpha."""
     views = tuple(replace(v.with_error_of_alpha(), shared_weight=True) for v in state.views)
     weights = _weights(views, state.blurs)
@@ -198,25 +196,8 @@ def _parameters(views: Sequence[View]) -> Array:
     return np.concatenate([view.parameters for view in views])
 
 
-def with_curvature(information: Array, secants: Sequence[Secant]) -> Array:
-    """The information with the curvature of the objective measured between iterates.
-
-    J contains the noise of the color, which the expected curvature does not. It is replaced in the
-    directions of the secants by damped BFGS updates [Nocedal & Wright 2006, 18.3].
-    """
-    M = information
-    for step, change in secants:
-        Ms = M @ step
-        expected, measured = step @ Ms, step @ change
-        if measured < _LEAST_CURVATURE * expected:
-            part = (1 - _LEAST_CURVATURE) * expected / (expected - measured)
-            change = part * change + (1 - part) * Ms
-        M = M - np.outer(Ms, Ms) / expected + np.outer(change, change) / (step @ change)
-    return np.asarray(M)
-
-
 def _along(
-    state: ExplainedViews, step: Array, first: ExplainedViews, lattice: Lattice | Sphere
+    state: ExplainedViews, step: Array, first: ExplainedViews, lattice: Surface
 ) -> ExplainedViews | None:
     """The state after a step or a part of it; None if none is better."""
     before, at = objective(state, first), _parameters(state.views)
@@ -242,7 +223,7 @@ def _precision(view: View) -> Array:
 
 
 def information_of(
-    state: ExplainedViews, first: ExplainedViews, lattice: Lattice | Sphere
+    state: ExplainedViews, first: ExplainedViews, lattice: Surface
 ) -> tuple[Array, Array]:
     """Information about the parameters of all views, and the gradient of the objective."""
     s, color = state.fit.noise_scale, state.fit.normal.mean
@@ -250,10 +231,7 @@ def information_of(
     views = zip(state.views, first.views, state.blurs, state.weights, strict=True)
     for view, known, (A, alpha), weight in views:
         precision = _precision(known)
-        if isinstance(lattice, Sphere):
-            J, volume = _derivatives_on_sphere(view, state.fit, lattice, A, weight)
-        else:
-            J, volume = _derivatives(view, color, lattice), np.zeros((1, len(view.parameters)))
+        J, volume = lattice.derivatives(view, state.fit, A, weight)
         weight, r = np.broadcast_to(weight, (len(weight), 3)), view.light(alpha) - A @ color
         away = view.parameters - known.parameters
         blocks.append(np.einsum("pck,pc,pcl->kl", J, weight, J, optimize=True) / s + precision)
@@ -270,54 +248,13 @@ def information_of(
     return total, np.concatenate(gradients)
 
 
-def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
-    """J (pixels, 3, k) by differences over a small step of each parameter."""
-    count, pixels = view.moment_count(), view.pixels
-    near = seen_moments(view.sweep, pixels, poses_of(view.sweep, count=count))
-
-    def model(moved: View) -> Array:
-        """Light (pixels, 3) of the picture."""
-        poses = poses_of(moved.sweep, count=count)
-        alpha, light = blurred(color, moved.sweep, lattice, pixels, poses, near)
-        return light + view.through(alpha)
-
-    at, start, steps = view.parameters, model(view), view.steps
-    J = np.zeros((*start.shape, len(at)))
-    for k in np.flatnonzero(steps > 0):
-        J[..., k] = (model(view.moved(at + steps[k] * (np.arange(len(at)) == k))) - start) / steps[
-            k
-        ]
-    return J
-
-
-def scores(state: ExplainedViews, sphere: Sphere) -> Array:
-    """(pixels, k) parts of the gradient of log Z of one view on a sphere; their sum is the gradient."""
+def scores(state: ExplainedViews, lattice: Surface) -> Array:
+    """(pixels, k) parts of the gradient of log Z of one view; their sum is the gradient."""
     (view,), ((A, alpha),), (weight,) = state.views, state.blurs, state.weights
-    J, volume = _derivatives_on_sphere(view, state.fit, sphere, A, weight)
+    J, volume = lattice.derivatives(view, state.fit, A, weight)
     r = view.light(alpha) - A @ state.fit.normal.mean
     score = np.einsum("pck,pc->pk", J, weight * r) / state.fit.noise_scale - volume
     return np.asarray(score)
-
-
-def _derivatives_on_sphere(
-    view: View, fit: GaussianFit, sphere: Sphere, A: Sparse, weight: Array
-) -> tuple[Array, Array]:
-    """J (pixels, 3, k), and (pixels, k) changes of the volume.
-
-    Light is linear in the shading, whose derivatives need no differences.
-    """
-    color, spread = fit.normal.mean, weight * (A @ fit.normal.inverse())
-    count, at, steps = view.moment_count(_DERIVATIVE_STEP_PX), view.parameters, view.steps
-    alpha, light, volume = view.projected(sphere, count, color, spread)
-    J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros((len(light), len(at)))
-    J[..., -HARMONICS:], volumes[:, -HARMONICS:] = light[..., 1:], 3 * volume[:, 1:]
-    for k in np.flatnonzero(steps[:-HARMONICS] > 0):
-        moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
-        other, changed, larger = moved.projected(sphere, count, color, spread)
-        away = changed[..., 0] - light[..., 0] + view.through(other) - view.through(alpha)
-        J[..., k] = away / steps[k]
-        volumes[:, k] = 3 * (larger[:, 0] - volume[:, 0]) / steps[k]
-    return J, volumes
 
 
 def _at(views: Sequence[View], parameters: Array, covariance: Array | None = None) -> list[View]:

@@ -10,11 +10,11 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.deblurring.compressed import compressed_color
-from blurmatte.deblurring.lattice import MAX_NODES, Lattice, Sphere
+from blurmatte.deblurring.lattice import MAX_NODES, Lattice, Sphere, Surface
 from blurmatte.deblurring.normal_equations import bandwidth
-from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
+from blurmatte.deblurring.operator import Poses, poses_of
 from blurmatte.deblurring.priors import Differences, fit_smooth, fit_sparse
-from blurmatte.deblurring.refine import color_variance_inflation, explained, refined
+from blurmatte.deblurring.refine import color_variance_inflation, explained, refined, refined_flat
 from blurmatte.deblurring.revise import revised
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_fit import likelier_spin
@@ -67,7 +67,7 @@ class Sharp(Displayed):
     """
 
     sweeps: tuple[Sweep, ...]
-    lattice: Lattice | Sphere
+    lattice: Surface
     color: Array
     node_std: Array
     misfit: float
@@ -159,11 +159,7 @@ class Sharp(Displayed):
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
         """Alpha (h, w, 1) in the sweep's box, and values of unknowns (n, c) times alpha (h, w, c)."""
         pixels = Pixels.of_box(sweep.box)
-        if isinstance(self.lattice, Sphere):
-            A, alpha = blur_operator(sweep, self.lattice, pixels, poses)
-            sums = np.asarray(A[:, : len(values)] @ values)
-        else:
-            alpha, sums = blurred(values, sweep, self.lattice, pixels, poses)
+        alpha, sums = self.lattice.blurred(values, sweep, pixels, poses)
         return alpha.reshape(*pixels.shape, 1), sums.reshape(*pixels.shape, -1)
 
     def _placed(self, values: Array, sweep: Sweep) -> Array:
@@ -259,7 +255,6 @@ def _turned(
     found: Sharp, image: LinearImage, plate: LinearImage, sweep: Sweep
 ) -> tuple[Sharp, str]:
     """The object as a ball that spins, if that is decisively likelier, and what is not certain."""
-    assert isinstance(found.lattice, Lattice)  # it has no spin
     spin, doubt = likelier_spin(image, plate, sweep, found.sweeps[0], found.lattice)
     refuted = found.misfit > MAX_MISFIT  # then a spin that is not certain is better
     if spin is None or (doubt and not refuted):
@@ -289,8 +284,13 @@ def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
 
 
 def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
-    lattice = affordable(views)
-    state = refined(views, lattice) if refine else explained(views, lattice)
+    lattice: Surface
+    if views[0].spin is None:
+        lattice = flat = affordable(views)
+        state = refined_flat(views, flat) if refine else explained(views, flat)
+    else:
+        lattice = ball = Sphere.within(views[0].sweep.radius, MAX_NODES)
+        state = refined(views, ball) if refine else explained(views, ball)
     differences = Differences.of(lattice)
     equations = state.equations.widened(differences.width)
     smooth, strengths = fit_smooth(equations, differences, state.fit)
@@ -330,16 +330,12 @@ def _warn_if_doubtful(sharp: Sharp, doubt: str) -> None:
         warn(reason)
 
 
-def affordable(views: Sequence[View], max_work: float = _MAX_WORK) -> Lattice | Sphere:
+def affordable(views: Sequence[View], max_work: float = _MAX_WORK) -> Lattice:
     """A lattice of one pixel, or a coarser one if its Cholesky factors would need too much work.
-
-    A ball that spins has a sphere, see `Sphere.within`.
 
     A band of n nodes costs n b² operations, and both n and b are inverse to the pitch squared: large
     objects on curved paths, whose bands are wide, get a coarser lattice.
     """
-    if views[0].spin is not None:
-        return Sphere.within(views[0].sweep.radius, MAX_NODES)
     lattice = Lattice.of(views[0].sweep)
     counts = (view.moment_count(_COARSE_STEP_PX) for view in views)
     blurs = [view.blur(lattice, count) for view, count in zip(views, counts, strict=True)]

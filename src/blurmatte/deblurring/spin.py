@@ -18,9 +18,9 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array
-from blurmatte.deblurring.lattice import HARMONICS
 from blurmatte.sweep.sweep import Sweep
 
+HARMONICS = 8  # of the light on a ball: those of orders 1 and 2
 AMBIGUITY = "the direction of time is unknown: reversing path and spin gives the same picture"
 
 

@@ -27,10 +27,11 @@ from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array
-from blurmatte.deblurring.lattice import FIELD_STD, HARMONICS, MAX_NODES, Lattice, Sphere
+from blurmatte.deblurring.lattice import MAX_NODES, Sphere, Surface
+from blurmatte.deblurring.normal_equations import FIELD_STD
 from blurmatte.deblurring.priors import Differences, log_determinant
 from blurmatte.deblurring.refine import ExplainedViews, explained, refined, scores
-from blurmatte.deblurring.spin import Spin
+from blurmatte.deblurring.spin import HARMONICS, Spin
 from blurmatte.deblurring.spin_search import (
     CONTRASTS,
     NO_TEXTURE,
@@ -373,7 +374,7 @@ def _rotation(view: View) -> Array:
 
 
 def likelier_spin(
-    image: LinearImage, plate: LinearImage, sweep: Sweep, flat: Sweep, lattice: Lattice
+    image: LinearImage, plate: LinearImage, sweep: Sweep, flat: Sweep, lattice: Surface
 ) -> tuple[Spin | None, str]:
     """A spin that explains the light decisively better than a flat object, or None, and any doubt.
 
@@ -394,7 +395,7 @@ def likelier_spin(
 
 
 def log_bayes_factor(
-    image: LinearImage, plate: LinearImage, spin: Spin, flat: Sweep, lattice: Lattice
+    image: LinearImage, plate: LinearImage, spin: Spin, flat: Sweep, lattice: Surface
 ) -> float:
     """Of the spin over a flat object; the noise of the pictures is known."""
     still = View.of(image, plate, flat, margin=int(np.ceil(flat.radius)))

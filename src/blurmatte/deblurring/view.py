@@ -16,16 +16,8 @@ import scipy
 
 from blurmatte.checks import Array, check_kind, check_same_size, grown
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
-from blurmatte.deblurring.lattice import Lattice, Sphere
-from blurmatte.deblurring.normal_equations import NormalEquations
-from blurmatte.deblurring.operator import (
-    MAX_STEP_PX,
-    Blur,
-    blur_operator,
-    moment_count,
-    poses_of,
-    projected,
-)
+from blurmatte.deblurring.normal_equations import Nodes, NormalEquations
+from blurmatte.deblurring.operator import MAX_STEP_PX, Blur, Poses, moment_count, poses_of
 from blurmatte.deblurring.spin import Spin
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, check_picture
 from blurmatte.sweep.model.observation import PixelBox, light_of, means
@@ -172,18 +164,14 @@ class View(PixelBox):
             step = float(np.clip(np.sqrt(length / _LONG_PX), MAX_STEP_PX, 1.0))
         return moment_count(self.sweep, step=step * self.pixels.scale, spin=self.spin)
 
-    def blur(self, lattice: Lattice | Sphere, count: int | None = None) -> Blur:
-        """The operator (h w, n), see `operator`, of a number of moments."""
-        count = self.moment_count() if count is None else count
-        poses = poses_of(self.sweep, spin=self.spin, count=count)
-        return blur_operator(self.sweep, lattice, self.pixels, poses)
+    def poses(self, count: int) -> Poses:
+        """Those at a number of moments."""
+        return poses_of(self.sweep, spin=self.spin, count=count)
 
-    def projected(
-        self, sphere: Sphere, count: int, color: Array, spread: Array
-    ) -> tuple[Array, Array, Array]:
-        """Alpha, and the light of a color by `operator.projected`, of a number of moments."""
-        poses = poses_of(self.sweep, spin=self.spin, count=count)
-        return projected(self.sweep, sphere, self.pixels, poses, color, spread)
+    def blur(self, lattice: Nodes, count: int | None = None) -> Blur:
+        """The operator (h w, n) of the view, of a number of moments."""
+        count = self.moment_count() if count is None else count
+        return lattice.blur(self.sweep, self.pixels, self.poses(count))
 
     def light(self, alpha: Array) -> Array:
         """(h w, 3) premultiplied light P for an alpha (h w,)."""
@@ -210,6 +198,6 @@ class View(PixelBox):
             variance = variance.mean(axis=1, keepdims=True)
         return np.where((self.valid.ravel() & (around | (alpha > 0)))[:, None], 1 / variance, 0)
 
-    def equations(self, blur: Blur, lattice: Lattice | Sphere, weight: Array) -> NormalEquations:
+    def equations(self, blur: Blur, lattice: Nodes, weight: Array) -> NormalEquations:
         """Normal equations of the straight color."""
         return NormalEquations.of(blur.A, self.light(blur.alpha), weight, lattice)
