@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,6 @@ PLACE = "Where it goes"
 LOOKS = "To look at"
 ROW = "Rows of layers"
 
-_HEX = "#?[0-9a-fA-F]{6}"
 _MAX_STOPS = 128  # light in files is float32, below 2**128
 
 Change: TypeAlias = "Callable[[bm.Layer], bm.Layer]"
@@ -182,10 +180,12 @@ def change_of(name: str, text: str) -> Change:
 
 def _colors(text: str) -> tuple[list[str] | None, list[str]]:
     """Paints and their new colors; or one new color for all."""
-    if re.fullmatch(_HEX, text):
+    from blurmatte.radiometry.transfer import is_hex  # not for --help
+
+    if is_hex(text):
         return None, [text]
     pairs = [pair.split("=") for pair in text.split(",")]
-    if any(len(pair) != 2 or not all(re.fullmatch(_HEX, c) for c in pair) for pair in pairs):
+    if any(len(pair) != 2 or not all(map(is_hex, pair)) for pair in pairs):
         raise ValueError(
             f"--recolor must be a color like #d8ff3c, or OLD=NEW for each paint, got {text!r}"
         )

@@ -341,7 +341,10 @@ def stated_model(colors: Sequence[str]) -> bm.ColorModel:
 
 
 def kind_of_color(color: str) -> str:
-    """What a value of --color is: hex, file, point or core."""
+    """What a value of --color is: hex, file, point or core.
+
+    All commands read it so; those without a single picture to pick colors in refuse points and core.
+    """
     if color == "core":
         return "core"
     if color.lower().endswith(".json"):

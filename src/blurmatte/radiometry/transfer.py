@@ -354,6 +354,11 @@ def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
     return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
 
 
+def is_hex(color: str) -> bool:
+    """Whether it is a color of six hexadecimal digits, with or without a #."""
+    return re.fullmatch("#?[0-9a-fA-F]{6}", color) is not None
+
+
 def light_of_hex(*colors: str) -> Array:
     """(n, 3) linear sRGB, 0…1, of colors of six hexadecimal digits, with or without a #.
 
@@ -361,10 +366,9 @@ def light_of_hex(*colors: str) -> Array:
     """
     codes = []
     for color in colors:
-        digits = re.fullmatch(r"#?([0-9a-fA-F]{6})", color)
-        if digits is None:
+        if not is_hex(color):
             raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
-        codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
+        codes.append(list(bytes.fromhex(color.removeprefix("#"))))
     return np.asarray(SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255))
 
 

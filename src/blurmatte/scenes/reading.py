@@ -6,7 +6,6 @@ Colors are linear [r, g, b] or sRGB-coded "#rrggbb"; lengths are pixels, angles 
 
 import inspect
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -19,7 +18,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_toml, read_document
 from blurmatte.files.reading import read, read_layer
 from blurmatte.radiometry import NoiseModel, named_transfer
-from blurmatte.radiometry.transfer import light_of_hex
+from blurmatte.radiometry.transfer import is_hex, light_of_hex
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -345,6 +344,6 @@ def _value(name: str, parameter: inspect.Parameter, value: Any) -> Any:
 
 def _light(name: str, color: Any) -> Any:
     """Linear light of a hex color."""
-    if not (isinstance(color, str) and re.fullmatch("#[0-9a-fA-F]{6}", color)):
+    if not (isinstance(color, str) and is_hex(color)):
         raise ValueError(f"{name} must be a color like #d8ff3c, got {color!r}")
     return light_of_hex(color)[0]
