@@ -286,7 +286,8 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
     """The function with an option for each field, and with one line for each error.
 
     typer takes options from the signature of a function alone and knows no dataclasses. So the
-    signature of the command is put together here from those of its groups.
+    signature of the command is put together here from those of its groups: written out, the 16
+    commands with groups would have 126 parameters more, `solve` 25 of them in all.
     """
     groups, parameters = _options_of(function)
     arguments = [one.name for one in parameters if _is_row(one.annotation)]
