@@ -32,6 +32,8 @@ from blurmatte.jpeg.structure import JpegError, metadata_segments
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
 
+_KEEPING = ".png", ".tif", ".jpg"  # files that keep what did not change
+
 
 def write_changed(
     path: str | Path,
@@ -51,7 +53,7 @@ def write_changed(
                   its tables; all others decode to the same pixels, except for one pixel of color
                   next to them where chroma is subsampled. All segments are kept. From a PNG or
                   TIFF, the whole picture at quality 95.
-    .exr          The light of the whole picture, as written by `write`.
+    others        The light of the whole picture, as written by `write`.
     ============  ============================================================================
 
     Thumbnails, further pictures, pages, channels and layers are removed, as they would show the old
@@ -89,10 +91,10 @@ def write_changed(
     """
     target, source = Path(path), Path(original)
     raster, changed = _original(target, source, picture, changed, max_pixels)
-    if extension_of(target) == ".exr":
-        write(target, _light(raster, picture, changed, transfer))
-    else:
+    if extension_of(target) in _KEEPING:
         _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
+    else:
+        write(target, _light(raster, picture, changed, transfer))
 
 
 def _original(
@@ -119,9 +121,10 @@ def _warn_of_further_pictures(target: Path, source: Path) -> None:
 
 
 def _check_formats(target: Path, source: Path) -> None:
-    if extension_of(target) not in written(Writes.PICTURE):
+    endings = written(Writes.PICTURE)
+    if extension_of(target) not in endings:
         raise FileError(
-            f"{target}: change the extension; a picture is written as .png, .tif, .jpg or .exr"
+            f"{target}: change the extension; a picture is written as {' or '.join(endings)}"
         )
     if format_of(source) is RAW:
         raise FileError(
