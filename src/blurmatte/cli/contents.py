@@ -17,7 +17,7 @@ from blurmatte.cli.console import by, color_numbers, in_degrees, waiting
 from blurmatte.cli.selection import Reading
 from blurmatte.files.documents import DocumentError, json_kind, read_document, read_json
 from blurmatte.files.errors import format_of
-from blurmatte.files.models import MODEL
+from blurmatte.files.models import MODEL, noise_to_mapping
 from blurmatte.files.raster import load
 from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.formats import EXR, Holds, format_at
@@ -80,12 +80,14 @@ class _Report:
     in_words: list[str]
 
 
-def _of_noise(noise: bm.NoiseModel) -> Description:
-    rows = {"gain": noise.gain, "read_std": noise.read_std, "relative_std": noise.relative_std}
-    names = "gain", "read noise", "of the light"
+def _of_noise(noise: bm.radiometry.Noise) -> Description:
+    rows, words = (
+        noise_to_mapping(noise),
+        {"read_std": "read noise", "relative_std": "of the light"},
+    )
     said = (
-        f"{name}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}"
-        for name, row in zip(names, rows.values(), strict=True)
+        f"{words.get(name, name)}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}"
+        for name, row in rows.items()
     )
     return [str(noise), *said], {"kind": "noise", **rows}
 

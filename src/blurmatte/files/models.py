@@ -22,7 +22,7 @@ from blurmatte.files.documents import (
     read_json,
     to_mapping,
 )
-from blurmatte.radiometry import NoiseModel, Transfer
+from blurmatte.radiometry import Noise, NoiseModel, Transfer
 from blurmatte.radiometry.transfer import TABLE
 from blurmatte.statistics import BLOCK_SIZES
 from blurmatte.sweep.model.cast_shadow import CastShadow
@@ -36,7 +36,6 @@ MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
 MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn
 MAX_NOISE = 1e3  # gain and standard deviations, of white
 
-_NOISE = "gain", "read_std", "relative_std"
 _TRANSFER_HINT = "give a file that blurmatte calibrate response wrote"
 
 
@@ -194,16 +193,17 @@ def _sweep(fields: _SweepFields, silhouette: FlatShape) -> Sweep:
     )
 
 
-def noise_to_mapping(noise: NoiseModel | NoiseFit) -> dict[str, Any]:
-    """The content of a file of noise; `read_noise` reads gain, read_std and relative_std."""
-    if isinstance(noise, NoiseModel):
-        return _noise_fields(noise)
-    errors = {f"{name}_std": getattr(noise, f"{name}_std") for name in _NOISE}
+def noise_to_mapping(noise: Noise | NoiseFit) -> dict[str, Any]:
+    """The content of a file of noise: its fields, of a fit with their errors and how it found them."""
+    if isinstance(noise, Noise):
+        return to_mapping(noise)
+    sensor = to_mapping(noise.sensor)
+    errors = {f"{name}_std": getattr(noise, f"{name}_std") for name in sensor}
     coherence = zip(BLOCK_SIZES, noise.variance_inflation.T, strict=True)
     return {
-        **_noise_fields(noise.noise),
-        "sensor": {**_noise_fields(noise.sensor), **errors},
-        "rounding": _noise_fields(noise.rounding),
+        **to_mapping(noise.noise),
+        "sensor": sensor | errors,
+        "rounding": to_mapping(noise.rounding),
         "scale": noise.scale,
         "coherence": {f"{size}x{size}": ratio for size, ratio in coherence},
         "changed": noise.changed,
@@ -302,7 +302,3 @@ class _TransferFields:
 _TRANSFER = Annotated[
     _TransferFields, AfterValidator(lambda f: Transfer.from_table(f.name, f.light))
 ]
-
-
-def _noise_fields(noise: NoiseModel) -> dict[str, Any]:
-    return {name: getattr(noise, name) for name in _NOISE}
