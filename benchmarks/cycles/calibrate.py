@@ -63,8 +63,8 @@ class Sample:
     error: float
 
 
-def calibrate(root: Path, limit: int | None, processes: int) -> Path:
-    """Gather what is missing, and write the package's calibration; its path."""
+def calibrate(root: Path, limit: int | None, processes: int, path: Path = CALIBRATION) -> Path:
+    """Gather what is missing, and write a calibration, by default the package's; its path."""
     samples = gather(root, CAMERAS, limit, processes)
     parts = {part: sum(one.part == part for one in samples) for part in (LEARN, OWN)}
     provenance = (
@@ -72,10 +72,10 @@ def calibrate(root: Path, limit: int | None, processes: int) -> Path:
         f"{parts[OWN]} of blurmatte's own renderer; PNG and phone JPEG; "
         "benchmarks/cycles/calibrate.py"
     )
-    known = json.loads(CALIBRATION.read_text(encoding="utf-8")) if CALIBRATION.is_file() else {}
+    known = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
     found = {**known, **fit(samples, provenance)}  # other factors are those of given_color.py
-    CALIBRATION.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
-    return CALIBRATION
+    path.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    return path
 
 
 def gather(root: Path, cameras: Sequence[str], limit: int | None, processes: int) -> list[Sample]:

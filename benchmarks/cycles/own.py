@@ -29,7 +29,9 @@ CAMERAS = ("png", "phone")  # of the part learn
 _ROOM = "random plate"
 
 
-def write_own(root: Path, count: int, cameras: Sequence[str] = CAMERAS) -> int:
+def write_own(
+    root: Path, count: int, cameras: Sequence[str] = CAMERAS, kinds: Sequence[str] = tuple(KINDS)
+) -> int:
     """Render `count` scenes of every kind, photograph each, and write what is not there yet.
 
     Parameters
@@ -39,6 +41,8 @@ def write_own(root: Path, count: int, cameras: Sequence[str] = CAMERAS) -> int:
         Scenes of each kind; more later adds to them.
     cameras : sequence of str
         Of `photograph.SETUPS["learn"]`.
+    kinds : sequence of str
+        Of `verdict.KINDS`.
 
     Returns
     -------
@@ -47,12 +51,12 @@ def write_own(root: Path, count: int, cameras: Sequence[str] = CAMERAS) -> int:
     """
     written, start = 0, time.monotonic()
     for seed in range(FIRST, FIRST + count):
-        for kind, made in KINDS.items():
+        for kind in kinds:
             name = f"{kind.replace(' ', '_')}_{seed}"
             missing = [p for c in cameras if not (p := Picture(root, OWN, name, c)).whole]
             if not missing:
                 continue
-            case = made(draw(seed))
+            case = KINDS[kind](draw(seed))
             for picture in missing:
                 _write(picture, case, kind)
             written += len(missing)

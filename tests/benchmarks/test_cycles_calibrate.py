@@ -153,9 +153,8 @@ def test_package_reads_what_calibrate_writes(tmp_path, monkeypatch):
     """exact"""
     samples = made_up(60)
     path = tmp_path / "calibration.json"
-    monkeypatch.setattr(calibrate, "CALIBRATION", path)
     monkeypatch.setattr(calibrate, "gather", lambda *asked: samples)
-    assert calibrate.calibrate(tmp_path, None, 1) == path
+    assert calibrate.calibrate(tmp_path, None, 1, path) == path
     written = ErrorCalibration(**json.loads(path.read_text(encoding="utf-8")))
     assert set(written.coefficients) == set(TERMS)
     assert "60 pictures of Blender Cycles" in written.provenance

@@ -184,11 +184,10 @@ def test_first_disc_is_near_a_ball(root):
 # Own scenes
 
 
-def test_own_scenes_have_the_format_of_the_second_truth(tmp_path, monkeypatch):
+def test_own_scenes_have_the_format_of_the_second_truth(tmp_path):
     kinds = ("ball", "two balls that cross")
-    monkeypatch.setattr(own, "KINDS", {kind: own.KINDS[kind] for kind in kinds})
-    assert own.write_own(tmp_path, 1) == 4
-    assert own.write_own(tmp_path, 1) == 0  # all are there
+    assert own.write_own(tmp_path, 1, kinds=kinds) == 4
+    assert own.write_own(tmp_path, 1, kinds=kinds) == 0  # all are there
     pictures = find_pictures(tmp_path, ["own"], ["phone"])
     ball, crossing = sorted(pictures, key=lambda picture: picture.facts.kind)
     assert (ball.facts.round, crossing.facts.round) == (True, False)
