@@ -29,6 +29,8 @@ from blurmatte.background.warp import (
 from blurmatte.checks import Array, Floats, check_same_size
 from blurmatte.radiometry import LinearImage, check_picture
 
+UNCHANGED = "plate as it is"  # in words
+
 
 @dataclass(frozen=True, eq=False)
 class Bands:
@@ -231,7 +233,7 @@ class Match:
                 parts.append("changing smoothly over the picture")
             if self.bands is not None:
                 parts.append(self.bands.in_words(self.size))
-        return ", ".join(parts) or "plate as it is"
+        return ", ".join(parts) or UNCHANGED
 
     def apply(self, plate: LinearImage) -> LinearImage:
         """The plate under this homography and light, interpolated by cubic splines.

@@ -113,7 +113,7 @@ def _touches_border(solution: Solution) -> bool:
 def _match(match: MatchSummary) -> str:
     """The correction of the plate to match the image, and their agreement."""
     what = f"The plate was matched to the image: {match.in_words}"
-    if match.in_words == "plate as it is":
+    if match.is_unchanged:
         what = "The plate was used as it is"
     return (
         f"{what}; where nothing moved, they agree to {match.agreement:.2g} times their noise, at "

@@ -12,7 +12,7 @@ from typing import Annotated
 import numpy as np
 from annotated_types import Interval
 
-from blurmatte.background.match import Match
+from blurmatte.background.match import UNCHANGED, Match
 from blurmatte.checks import MAX_PX, Direction, Floats
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import (
@@ -96,6 +96,11 @@ class MatchSummary:
     offset: _PerChannel = (0.0, 0.0, 0.0)
     agreement: float
     edge_agreement: float
+
+    @property
+    def is_unchanged(self) -> bool:
+        """Whether the plate was used as it is."""
+        return self.in_words == UNCHANGED
 
     @classmethod
     def of(cls, match: Match, agreement: float, edge_agreement: float) -> MatchSummary:
