@@ -208,7 +208,7 @@ def _off(fall: FreeFall) -> list[str]:
 
 
 def _direction(fall: FreeFall) -> str:
-    if fall.unit == "px":
+    if fall.in_picture:
         degrees = np.degrees(np.arctan2(fall.acceleration[1], fall.acceleration[0]))
         return direction(float(degrees), float(np.degrees(fall.angle_std)))
     off, std = np.degrees(fall.off_gravity)
@@ -225,7 +225,7 @@ def _compared(fall: FreeFall) -> list[str]:
     g, std = fall.in_meters(fall.scale)
     share, meters = g / standard_gravity, _in_meters(fall)
     said = [f"That is {meters}, {share:.3f} of standard gravity."]
-    if fall.unit == "m" and not fall.rejection:  # a picture may show only a part of gravity
+    if not fall.in_picture and not fall.rejection:  # a picture may show only a part of gravity
         said += _remedies(share, std / g)
     return said
 
@@ -233,7 +233,7 @@ def _compared(fall: FreeFall) -> list[str]:
 def _in_meters(fall: FreeFall) -> str:
     """The acceleration with all its errors."""
     assert fall.scale is not None
-    basis = "the scale" if fall.unit == "px" else "radius and camera"
+    basis = "the scale" if fall.in_picture else "radius and camera"
     known = f"the errors of {basis} included"
     if fall.scale.std == 0:
         known = f"without errors of {basis}"
@@ -268,7 +268,7 @@ def _in_gravity(fall: FreeFall) -> list[str]:
         return [f"With a gravity of {known:.4g} m/s² a pixel is {mm:.4g} ± {std:.2g} mm there."]
     apart = abs(g - known) / max(float(np.hypot(std, fall.gravity_std)), 1e-12)
     ratio, ratio_std = fall.lengths
-    basis = "the scale" if fall.unit == "px" else "the ball's radius"
+    basis = "the scale" if fall.in_picture else "the ball's radius"
     return [
         f"That is {_in_meters(fall)}, where gravity is {known:.4g}: {apart:.1f} standard deviations "
         "apart.",

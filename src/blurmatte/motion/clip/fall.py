@@ -92,9 +92,14 @@ class FreeFall:
         return 1.0 if self._within_errors else float(np.sqrt(self.chi2 / self.freedom))
 
     @property
+    def in_picture(self) -> bool:
+        """Whether the positions are pixels of a picture, and not meters in space."""
+        return len(self.place) == 2
+
+    @property
     def unit(self) -> str:
         """Of the positions: "px", or "m" in space."""
-        return "px" if len(self.place) == 2 else "m"
+        return "px" if self.in_picture else "m"
 
     @property
     def size(self) -> float:
@@ -140,7 +145,7 @@ class FreeFall:
         """Why it is no fall in this gravity, or downward if none is known; "" if it is one."""
         if not self.fits:
             ratio = self.chi2 / self.freedom
-            nearer = "it came nearer, " if self.unit == "px" else ""
+            nearer = "it came nearer, " if self.in_picture else ""
             return (
                 f"the residuals of a parabola in time have {ratio:.3g} times the variance of its "
                 f"positions: it was held, hit or slowed by air, {nearer}or errors are larger than "
@@ -153,7 +158,7 @@ class FreeFall:
             )
         off, std = self.off_gravity
         if self._down_is_known and off > max(_MIN_TILT, _MIN_TILT_STD * std):
-            vector = "x,y or x,y,z" if self.unit == "px" else "x,y,z, or its size alone"
+            vector = "x,y or x,y,z" if self.in_picture else "x,y,z, or its size alone"
             down = "gravity" if self.directed else "down in the picture"
             return (
                 f"its acceleration points {np.degrees(off):.0f}° off {down}; choose the flight alone, "
@@ -169,7 +174,7 @@ class FreeFall:
     @property
     def _down_is_known(self) -> bool:
         """True if the direction of gravity is known, or that of the picture is taken for it."""
-        return self.directed or (self.gravity is None and self.unit == "px")
+        return self.directed or (self.gravity is None and self.in_picture)
 
     @property
     def off_gravity(self) -> tuple[float, float]:
@@ -280,7 +285,7 @@ class FreeFall:
 
     def _vector(self, gravity: npt.ArrayLike, std: float) -> Array:
         """(n,) from a vector, or from a number: downward in the picture, or (1,) in space."""
-        g, flat = np.asarray(gravity, dtype=float), self.unit == "px"
+        g, flat = np.asarray(gravity, dtype=float), self.in_picture
         shapes = ((), (2,), (3,)) if flat else ((), (3,))
         if g.shape not in shapes or not np.all(np.isfinite(g)) or not (g.ndim or g > 0):
             vectors = "(x, y) or (x, y, z)" if flat else "(x, y, z) in space"
