@@ -85,6 +85,15 @@ class JobState(StrEnum):
     FAILED = "failed"
 
 
+class WorkerState(StrEnum):
+    """Of the process that runs jobs."""
+
+    OFF = "off"
+    STARTING = "starting"
+    READY = "ready"
+    ENDING = "ending"
+
+
 @dataclass
 class Job:
     """A command line, and what became of it."""
@@ -195,7 +204,7 @@ class Session:
         self.jobs: dict[int, Job] = {}
         self._worker: Helper | None = None
         self._viewer: Helper | None = None
-        self.worker_state = "off"
+        self.worker_state = WorkerState.OFF
         self._running: Job | None = None
         self._restart: asyncio.Task[None] | None = None
         self._asked: dict[int, asyncio.Future[PictureAnswer]] = {}
@@ -227,7 +236,7 @@ class Session:
     async def __aexit__(self, *_: object) -> None:
         """End the processes, and delete what is private; the viewer does so if this is cut short."""
         self.end_states()
-        self._deafen_worker("ending")
+        self._deafen_worker(WorkerState.ENDING)
         if self._restart is not None:
             await asyncio.wait([self._restart])
         if self._worker is not None:
@@ -398,7 +407,7 @@ class Session:
             job.end(JobState.CANCELLED)
             self._announce()
         elif job.state is JobState.RUNNING:
-            self._deafen_worker("ending")  # also to the end of the job, if that comes now
+            self._deafen_worker(WorkerState.ENDING)  # also to the end of the job, if that comes now
             job.end(JobState.CANCELLED)
             self._announce()
             self._restart = asyncio.create_task(self._restarted(job))
@@ -417,13 +426,13 @@ class Session:
         waiting = next((j for j in self.jobs.values() if j.state is JobState.WAITING), None)
         if waiting is None or self._running is not None or self._is_ending:
             return
-        if self.worker_state == "off":
+        if self.worker_state is WorkerState.OFF:
             self._start_worker()
-        if self.worker_state == "ending":
+        if self.worker_state is WorkerState.ENDING:
             return
         assert self._worker is not None
         self._running, waiting.state, waiting.started = waiting, JobState.RUNNING, time.monotonic()
-        if self.worker_state == "starting":
+        if self.worker_state is WorkerState.STARTING:
             waiting.step = Step(waiting.number, "getting ready", 0, None, None)
         renamed = {a: b for a, b in zip(waiting.words, waiting.shown, strict=True) if a != b}
         self._worker.send(Line(waiting.number, waiting.words, waiting.shown, renamed))
@@ -434,7 +443,7 @@ class Session:
             case None:
                 self._lose_worker()
             case str(word) if word == READY:
-                self.worker_state = "ready"
+                self.worker_state = WorkerState.READY
                 self._next()
             case Step(job=number):
                 self.jobs[number].step, self.jobs[number].stepped = message, time.monotonic()
@@ -451,7 +460,7 @@ class Session:
     # Processes
 
     def _start_worker(self) -> None:
-        self.worker_state = "starting"
+        self.worker_state = WorkerState.STARTING
         self._worker = Helper(work, self._of_worker(), self._program, self._folder)
         self._announce()
 
@@ -465,7 +474,7 @@ class Session:
 
         return hear
 
-    def _deafen_worker(self, state: str) -> None:
+    def _deafen_worker(self, state: WorkerState) -> None:
         """Hear nothing more of the worker, which has nothing to do any more."""
         self._serial, self._running, self.worker_state = object(), None, state
 
@@ -475,14 +484,17 @@ class Session:
         One that dies while it gets ready is not, before there is another job: the next would die, too.
         """
         was, job, worker = self.worker_state, self._running, self._worker
-        self._deafen_worker("off")
+        self._deafen_worker(WorkerState.OFF)
         if worker is not None:
             worker.kill()  # what it had started
         lost = [one for one in self.jobs.values() if one.state is JobState.WAITING]
-        for one in [*([] if job is None else [job]), *(lost if was == "starting" else [])]:
+        for one in [
+            *([] if job is None else [job]),
+            *(lost if was is WorkerState.STARTING else []),
+        ]:
             one.say(_DIED)
             one.end(JobState.FAILED)
-        if was == "ready":
+        if was is WorkerState.READY:
             self._start_worker()
         self._next()
 
@@ -491,7 +503,7 @@ class Session:
         if self._worker is not None:
             await self._worker.end(INTERRUPT)
         job.listed = results_in(job.folder)
-        self.worker_state = "off"
+        self.worker_state = WorkerState.OFF
         if not self._is_ending:
             self._start_worker()
             self._next()
