@@ -76,8 +76,7 @@ _SHIFT_PENALTY = _PARAMETER_PENALTY * len(GEOMETRIES[1])  # the smallest of a di
 _MIN_DISPLACEMENT_PX = 0.01  # smaller changes of both this
 _MIN_LIGHT_CHANGE = 0.001  # and this, relative, are not applied
 _MAX_OFFSET = 0.1  # of the plate's median light: flare
-_MIN_GAIN = 0.25  # of the median light: a darker image is rejected
-_MAX_GAIN = 4.0
+_MAX_GAIN = 4.0  # of the median light, or its inverse: a brighter or darker image is rejected
 _MIN_SIDE_PX = 32  # smaller pictures are not matched
 _MIN_POINTS = 100
 _MAX_RESIDUAL = 0.1  # of the median light: another scene leaves more
@@ -327,7 +326,7 @@ def _check_same_scene(
     if min(light) < _NOISE_OF_BLACK:
         return
     brighter = match.light[0] + match.light[1] / light
-    if min(brighter) < _MIN_GAIN or max(brighter) > _MAX_GAIN:
+    if min(brighter) < 1 / _MAX_GAIN or max(brighter) > _MAX_GAIN:
         factors = ", ".join(f"{g:.2f}" for g in brighter)
         raise PlateError(
             f"the light changed too much: the image is {factors} times as bright as the plate "

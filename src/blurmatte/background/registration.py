@@ -58,15 +58,14 @@ _MIN_REGISTERED = 0.5  # of the frames; with fewer, it is no clip of one scene
 _LENS_FRAMES = 6
 _LENS_MIN_OVERLAP = 0.4  # with the reference
 _LENS_STEP = 1e-4  # of its numerical derivative
-_MIN_LENS_STD = 4.0  # standard deviations that it must differ from 0 by
-_MIN_LENS_PX = 0.1  # and the displacement at the corners of a picture
 _MAX_LENS = 0.3
 
-
-# The bend of a frame by a rolling shutter.
-_MIN_BEND_STD = 4.0  # standard deviations that it must differ from 0 by
-_MIN_BEND_PX = 0.1  # and the displacement of its last row, pixels of the frames that are compared
-_BEND_ROUNDS = 4  # of a step and a fit of the homography, at most
+_BEND_ROUNDS = (
+    4  # of a step and a fit of the homography, at most, for the bend by a rolling shutter
+)
+# When the lens term and the bend are certain.
+_MIN_CERTAIN_STD = 4.0  # standard deviations that each must differ from 0 by
+_MIN_MOVED_PX = 0.1  # and the displacement: of the corners, or of the last row of a compared frame
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,7 @@ def register_frames(frames: Sequence[LinearImage], plate: LinearImage | None = N
     path = _checked(_registered(frames, cell, 0.0))
     lens, std = _lens(frames, path, cell)
     corner = float(np.hypot(*frames[0].size)) / 2
-    if abs(lens) > _MIN_LENS_STD * std and abs(lens) * corner > _MIN_LENS_PX:
+    if abs(lens) > _MIN_CERTAIN_STD * std and abs(lens) * corner > _MIN_MOVED_PX:
         bent = _registered(frames, cell, lens)
         more, _ = _lens(frames, bent, cell)
         bent = _registered(frames, cell, lens + more) if abs(more) > std else bent
@@ -545,7 +544,7 @@ def _bend(fit: _CanvasFit, view: Warp) -> Array:
     bend = np.asarray(view.bends[0] + step)
     side = fit.level.size[across]
     most = float(np.hypot(*bend)) * (side / max(fit.level.size)) ** 2 * max(view.size) / 2
-    is_certain = float(score @ step) > _MIN_BEND_STD**2 and most > _MIN_BEND_PX
+    is_certain = float(score @ step) > _MIN_CERTAIN_STD**2 and most > _MIN_MOVED_PX
     return bend if is_certain else np.asarray(view.bends[0])
 
 

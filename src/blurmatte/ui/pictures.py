@@ -27,7 +27,7 @@ _STRIP = 64  # rows that are halved at a time: fits the cache of a processor
 _MAX_LEVEL = 16
 _MAX_RADIUS = 512  # pixels, of an eyedropper
 _MAX_STOPS = 64.0
-_MAX_HALF = 65504.0  # the largest half float
+_MAX_HALF = float(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True)
