@@ -55,11 +55,12 @@ Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 class Surface(Nodes):
     """Nodes of an object's own color, from whose light its motion is refined."""
 
-    @abstractmethod
     def blurred(
         self, values: Array, sweep: Sweep, pixels: Pixels, poses: Poses
     ) -> tuple[Array, Array]:
         """Alpha (h w,), and the operator times values of the first unknowns (n, c): (h w, c)."""
+        A, alpha = self.blur(sweep, pixels, poses)
+        return alpha, np.asarray(A[:, : len(values)] @ values)
 
     @abstractmethod
     def derivatives(
@@ -70,9 +71,9 @@ class Surface(Nodes):
         The latter are (pixels, k), or (1, k) if they are omitted; see `refine`.
         """
 
-    @abstractmethod
     def with_curvature(self, information: Array, secants: Sequence[Secant]) -> Array:
-        """Information (k, k) about parameters, with the curvature measured between iterates."""
+        """Information (k, k) about parameters, with the curvature measured between iterates, if any."""
+        return information
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,11 +117,6 @@ class Lattice(Surface):
     def size(self) -> int:
         """Number of nodes."""
         return int(self.node.max()) + 1
-
-    @property
-    def unknowns(self) -> int:
-        """Number of nodes: the light on a flat object is part of its color."""
-        return self.size
 
     @cached_property
     def edges(self) -> Indices:
@@ -178,10 +174,6 @@ class Lattice(Surface):
             moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
             J[..., k] = (model(moved) - start) / steps[k]
         return J, np.zeros((1, len(at)))
-
-    def with_curvature(self, information: Array, secants: Sequence[Secant]) -> Array:
-        """The information: a flat object's steps are good without."""
-        return information
 
     def _seen(self, poses: Poses, seen: SeenMoments) -> tuple[Any, ...]:
         """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
@@ -257,13 +249,6 @@ class Sphere(Surface):
         A = sparse(sphere_kernel.rows_of(entries, turns, self.node, self.size), self.size)
         colored = scipy.sparse.csr_matrix(row_sums(first, weight, field))
         return scipy.sparse.hstack([A, colored], format="csr")
-
-    def blurred(
-        self, values: Array, sweep: Sweep, pixels: Pixels, poses: Poses
-    ) -> tuple[Array, Array]:
-        """Alpha, and the operator times values."""
-        A, alpha = self.blur(sweep, pixels, poses)
-        return alpha, np.asarray(A[:, : len(values)] @ values)
 
     def derivatives(
         self, view: View, fit: GaussianFit, A: Sparse, weight: Array

@@ -47,9 +47,9 @@ class Nodes(ABC):
         """Number of nodes."""
 
     @property
-    @abstractmethod
     def unknowns(self) -> int:
-        """Number of nodes, and of coefficients of light after them."""
+        """Number of nodes, and of coefficients of light after them, if any."""
+        return self.size
 
     @property
     @abstractmethod

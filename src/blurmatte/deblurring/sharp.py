@@ -289,8 +289,8 @@ def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
         lattice = flat = affordable(views)
         state = refined_flat(views, flat) if refine else explained(views, flat)
     else:
-        lattice = ball = Sphere.within(views[0].sweep.radius, MAX_NODES)
-        state = refined(views, ball) if refine else explained(views, ball)
+        lattice = Sphere.within(views[0].sweep.radius, MAX_NODES)
+        state = (refined if refine else explained)(views, lattice)
     differences = Differences.of(lattice)
     equations = state.equations.widened(differences.width)
     smooth, strengths = fit_smooth(equations, differences, state.fit)
