@@ -25,7 +25,7 @@ from blurmatte.motion.picture.error_budget import (
     check_with_std,
     propagated,
 )
-from blurmatte.motion.picture.motion import check_line_time
+from blurmatte.motion.picture.motion import MOMENTS, check_line_time
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
 
@@ -122,7 +122,7 @@ class BallPlace:
     @property
     def has_shape(self) -> bool:
         """Whether it is that of a ball or of a disc, and not from the moments of alpha."""
-        return self.source != "moments"
+        return self.source != MOMENTS
 
     @property
     def distance(self) -> float:

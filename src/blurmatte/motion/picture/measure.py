@@ -29,7 +29,7 @@ from blurmatte.checks import Array, Bools, Direction, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
-from blurmatte.motion.picture.motion import QUANTITIES, Motion
+from blurmatte.motion.picture.motion import MOMENTS, QUANTITIES, SWEEP, Motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import UNIFORM_VARIANCE
 from blurmatte.sweep.model.path import FROM_REST, LINE
@@ -125,7 +125,7 @@ def motion_of_sweep(
         covariance=covariance[:_N, :_N],
         speeds=values[_N + 2 :],
         speeds_std=np.sqrt(np.maximum(np.diag(covariance)[_N + 2 :], 0)),
-        source="sweep",
+        source=SWEEP,
         path=sweep.family.name,
         silhouette=sweep.silhouette.name,
         size=sweep.size,
@@ -255,7 +255,7 @@ def _straight_motion(parameters: Array, covariance: Array, size: tuple[int, int]
         covariance=covariance,
         speeds=np.array([length]),
         speeds_std=np.sqrt(covariance[3:4, 3]),
-        source="moments",
+        source=MOMENTS,
         path="line",
         silhouette="",
         size=size,

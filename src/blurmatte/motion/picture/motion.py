@@ -37,6 +37,7 @@ from blurmatte.notebook import Displayed
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory, derivative
 
+SWEEP, MOMENTS = "sweep", "moments"  # what a motion was measured from
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
 MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact
 MIN_EXCESS_STD = 3.5  # standard deviations by which a motion exceeds rest
@@ -378,7 +379,7 @@ class Motion(Displayed):
     @property
     def has_shape(self) -> bool:
         """Whether it was measured from a shape on a path, and not from the moments of alpha."""
-        return self.source == "sweep"
+        return self.source == SWEEP
 
     @property
     def moved(self) -> bool:
