@@ -417,9 +417,8 @@ def _without_layer(work: _RunProgress) -> list[str]:
     frames = {row.frame for row in work.rows}
     reasons = {row.frame: row.reason for row in work.rows if not row.sighting}
     reasons |= {record.frame: record.reason for record in work.records if record.reason}
-    without = [reasons.get(frame, "") for frame in sorted(frames - done)]
-    if done:
-        without = [reason for reason in without if not reason.startswith("nothing ")]
+    counted = {row.frame for row in work.rows if row.color_moved} if done else frames
+    without = [reasons.get(frame, "") for frame in sorted(counted - done)]
     return without_layer_in_words(without, len(frames))
 
 

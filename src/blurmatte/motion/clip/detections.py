@@ -15,6 +15,10 @@ from blurmatte.motion.columns import Column, TableRow
 from blurmatte.motion.picture.motion import Motion
 
 NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
+NO_COLOR = (  # of one that does not
+    "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
+    "hidden"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,6 +210,11 @@ class FrameMotion(TableRow):
     def something_moved(self) -> bool:
         """Whether the frame differs from the plate, by the object or by anything else."""
         return self.sighting is not None or self.reason != NOTHING_MOVED
+
+    @property
+    def color_moved(self) -> bool:
+        """Whether light of the object's color moved."""
+        return self.something_moved and self.reason != NO_COLOR
 
     @property
     def stated(self) -> Sighting | None:

@@ -24,7 +24,13 @@ from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError, PlateError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
-from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameMotion, FrameSightings, Sighting
+from blurmatte.motion.clip.detections import (
+    NO_COLOR,
+    NOTHING_MOVED,
+    FrameMotion,
+    FrameSightings,
+    Sighting,
+)
 from blurmatte.motion.clip.matched_filter import (
     MAX_PARTS,
     MAX_PARTS_OF_SEVERAL,
@@ -50,10 +56,6 @@ from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
 _MIN_KNOWN_FRACTION = 0.5  # of a streak's pixels, whose alpha the moments are of
-_NO_COLOR = (
-    "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
-    "hidden"
-)
 _FRAMES = 3  # measured with each curve; their shifts differ by a tenth
 
 
@@ -227,7 +229,7 @@ class _Detector:
             if single and found and found[-1].measured.has_shape:
                 break
         if not parts:
-            reasons = [NOTHING_MOVED if self.color is None or not crops else _NO_COLOR]
+            reasons = [NOTHING_MOVED if self.color is None or not crops else NO_COLOR]
         return FrameSightings(
             number, time, tuple(found), "; ".join(dict.fromkeys(reasons)), len(rest)
         )
