@@ -9,7 +9,6 @@ plate instead of L, its whole texture determines δ.
 
 import struct
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +21,15 @@ from blurmatte.radiometry.sensor import Orientation
 
 _MAX_TILT = 0.002  # radians off a multiple of 90°: of rounded matrices
 _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unknown
+
+# How certain the position of chroma must be.
+_WINDOW = 6  # samples: two materials in most
+_MIN_R2 = 0.8  # of chroma as a linear function of luma and its slope, in a window
+_CODE_STD = 0.3  # of rounding, added to the residuals of windows
+_MIN_WINDOWS = 10.0  # effective number
+_MIN_DEVIATION = 4.0  # standard deviations off the other position
+_MAX_STD_PX = 0.1  # of luma
+_MAX_OFF_PX = 0.25  # half the distance of the positions
 
 
 def side_data_of(frame: Any, name: str) -> Any | None:
@@ -80,19 +88,6 @@ def check_progressive(path: Path, frame: Any, field_order: int) -> None:
             f"{path}: deinterlace it (ffmpeg -i … -vf bwdif), or mark it as progressive if it is (-vf "
             "setfield=prog); its frames are interlaced: two fields, half a frame apart in time"
         )
-
-
-@dataclass(frozen=True)
-class SitingTest:
-    """How certain the position of chroma must be."""
-
-    window: int = 6  # samples: two materials in most
-    min_r2: float = 0.8  # of chroma as a linear function of luma and its slope, in a window
-    code_std: float = 0.3  # of rounding, added to the residuals of windows
-    min_windows: float = 10.0  # effective number
-    min_deviation: float = 4.0  # standard deviations off the other position
-    max_std_px: float = 0.1  # of luma
-    max_off_px: float = 0.25  # half the distance of the positions
 
 
 def siting_of(frame: Any) -> str | None:
@@ -168,8 +163,8 @@ def _window_sums(luma: Sequence[Array], chroma: Sequence[Array], axis: int, pixe
         b = _dot(C, L) / square
         rest = C - b * L
         left = _dot(rest, rest) - _dot(rest, D) ** 2 / np.maximum(_dot(D, D), 1e-9)
-        weight = 1 / (SitingTest.code_std**2 + np.maximum(left, 0) / L.shape[1])
-        weight = weight * (left < (1 - SitingTest.min_r2) * _dot(C, C))
+        weight = 1 / (_CODE_STD**2 + np.maximum(left, 0) / L.shape[1])
+        weight = weight * (left < (1 - _MIN_R2) * _dot(C, C))
         sums.append(np.hstack([weight * b * _dot(rest, D), weight * b**2 * _dot(D, D)]))
     return np.asarray(sum(sums))
 
@@ -187,7 +182,7 @@ def _smoothed(plane: Array) -> Array:
 
 def _windows(plane: Array) -> Array:
     """(n, window²) samples of each window, less their mean."""
-    side = SitingTest.window
+    side = _WINDOW
     h, w = (count // side * side for count in plane.shape)
     rows = plane[:h, :w].reshape(h // side, side, w // side, side)
     tiles = rows.swapaxes(1, 2).reshape(-1, side**2)
@@ -196,15 +191,15 @@ def _windows(plane: Array) -> Array:
 
 def _at_first(sums: Array, middle: float = 0.0) -> bool | None:
     """True if δ less `middle` is that of the first of two pixels, False if 0, None if uncertain."""
-    test, (n, d) = SitingTest(), sums.T
-    if not d.sum() ** 2 > test.min_windows * (d**2).sum():
+    n, d = sums.T
+    if not d.sum() ** 2 > _MIN_WINDOWS * (d**2).sum():
         return None
     offset = n.sum() / d.sum()
     std = np.sqrt(((n - offset * d) ** 2).sum()) / d.sum()
     offset += middle
     here, other = (-0.5, 0.0) if offset < -0.25 else (0.0, -0.5)
-    certain = std < test.max_std_px and abs(offset - other) > test.min_deviation * std
-    return here < 0 if certain and abs(offset - here) < test.max_off_px else None
+    certain = std < _MAX_STD_PX and abs(offset - other) > _MIN_DEVIATION * std
+    return here < 0 if certain and abs(offset - here) < _MAX_OFF_PX else None
 
 
 def left_sited(frame: Any) -> Any:

@@ -8,7 +8,6 @@ import re
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -29,16 +28,11 @@ _STDERR_LOCK = Lock()  # two threads that silence stderr would restore the wrong
 _BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
 
 
-@dataclass(frozen=True)
-class StraightColorTest:
-    """Bounds of the test for colors that are not premultiplied, see `check_premultiplied`."""
-
-    low_alpha: float = 1 / 8  # relative to the 95 % quantile of alpha
-    middle_alpha: float = 1 / 4
-    high_alpha: float = 1 / 2
-    brightness_ratio: float = 1.0  # noise gives at most 0.8, straight colors 1.1 to 20
-    min_fraction: float = 0.005  # of the pixels with alpha, that must have a low alpha
-    min_pixels: int = 32
+# Of the test for colors that are not premultiplied, see `check_premultiplied`.
+_LOW, _MIDDLE, _HIGH = 1 / 8, 1 / 4, 1 / 2  # alpha, relative to its 95 % quantile
+_STRAIGHT_RATIO = 1.0  # of brightnesses: noise gives at most 0.8, straight colors 1.1 to 20
+_MIN_LOW_FRACTION = 0.005  # of the pixels with alpha, that must have a low alpha
+_MIN_LOW_PIXELS = 32
 
 
 def format_of(path: Path) -> Format:
@@ -206,19 +200,18 @@ def check_premultiplied(path: Path, light: Floats, alpha: Floats) -> None:
     brightness / alpha of middle alpha. Most pixels without alpha being lit also counts. A glow
     around an opaque object passes, as do lamps brighter than white. Very dark colors pass unnoticed.
     """
-    test, visible = StraightColorTest(), alpha > 0
+    visible = alpha > 0
     brightest = np.maximum(np.maximum(light[..., 0], light[..., 1]), light[..., 2])
     if not visible.any():
         return
     top = np.quantile(alpha[visible], 0.95)
-    bright = brightest > np.quantile(brightest[alpha >= test.high_alpha * top], 0.25) / 2
-    low, none = visible & (alpha < test.low_alpha * top), ~visible
-    middle = (alpha >= test.low_alpha * top) & (alpha < test.middle_alpha * top)
-    enough = max(test.min_pixels, test.min_fraction * np.count_nonzero(visible))
+    bright = brightest > np.quantile(brightest[alpha >= _HIGH * top], 0.25) / 2
+    low, none = visible & (alpha < _LOW * top), ~visible
+    middle = (alpha >= _LOW * top) & (alpha < _MIDDLE * top)
+    enough = max(_MIN_LOW_PIXELS, _MIN_LOW_FRACTION * np.count_nonzero(visible))
     straight = (
         min(np.count_nonzero(low), np.count_nonzero(middle)) >= enough
-        and bright[low].mean() * np.median(brightest[middle] / alpha[middle])
-        > test.brightness_ratio
+        and bright[low].mean() * np.median(brightest[middle] / alpha[middle]) > _STRAIGHT_RATIO
     )
     if straight or (np.count_nonzero(none) >= enough and bright[none].mean() > 0.5):
         raise FileError(
