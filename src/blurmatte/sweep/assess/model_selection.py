@@ -35,7 +35,7 @@ from blurmatte.statistics import mean_of_blocks
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
 from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
-from blurmatte.sweep.model.observation import BlockStatistics, Observation, means
+from blurmatte.sweep.model.observation import CORRELATED_PX, Observation, means
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep
@@ -88,8 +88,9 @@ def evidence_of(
     chi2, channels = (e**2).sum(axis=0), observation.channels
     limited = np.moveaxis(e * np.sqrt(student_weight(chi2, channels)), 0, -1)
     inside = (compared.alpha > 0) & observation.valid
-    sizes = BlockStatistics.sizes_px
-    inflation = max(1.0, *(mean_of_blocks(limited, inside, size, channels) for size in sizes))
+    inflation = max(
+        1.0, *(mean_of_blocks(limited, inside, size, channels) for size in CORRELATED_PX)
+    )
     cost += OPTIMISM * float(np.count_nonzero(alpha_std))
     return Evidence(cost, inflation, parameters, float(observation.weight.sum()))
 

@@ -38,7 +38,7 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.occlusion import occluded
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT
-from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.observation import BACKGROUND_MARGIN_PX, Observation
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.state import State
 
@@ -139,7 +139,7 @@ def fit_opacity(state: State) -> Opacity:
     # The texture of an occluder is in both pictures, as if it were seen through the object.
     inside = inside & ~_occluded(observation, chi, inside)
     around = (observation.weight == observation.weight.max()) & observation.valid
-    around &= ~dilated((chi > 0) | observation.streak, BlockStatistics.margin_px)
+    around &= ~dilated((chi > 0) | observation.streak, BACKGROUND_MARGIN_PX)
     radius = state.silhouette.radius(state.shape) / observation.scale
     smallest, largest = _MIN_BLOCK_PX, _MAX_BLOCK_PX
     size = int(np.clip(radius / _BLOCKS_PER_RADIUS, smallest, largest))

@@ -25,7 +25,7 @@ from blurmatte.statistics import mean_of_blocks
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
 from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.model.observation import BlockStatistics
+from blurmatte.sweep.model.observation import CORRELATED_PX
 from blurmatte.sweep.model.silhouette import moments
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE, loss, student_weight
@@ -245,7 +245,7 @@ class _PatternFit:
         e = np.zeros((*self.use.shape, channels))
         for k, one in enumerate(self.patterns):
             e[self.use, k] = one.e * np.sqrt(student_weight(one.e**2, 1))
-        blocks = (mean_of_blocks(e, self.use, size, channels) for size in BlockStatistics.sizes_px)
+        blocks = (mean_of_blocks(e, self.use, size, channels) for size in CORRELATED_PX)
         inflation = max(1.0, *blocks) * VARIANCE
         H, _ = self.information()
         return np.asarray(inflation * np.linalg.pinv(H, hermitian=True), float)

@@ -19,7 +19,7 @@ from blurmatte.statistics import (
     trimmed_mean,
 )
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.observation import CORRELATED_PX, TRIMMED_OUTSIDE, Observation
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
@@ -37,6 +37,8 @@ _MAX_TURN_RAD = 3.5
 # Median outside the streak, over that of noise, of codecs that repeat static parts
 _MAX_REPEATED_CHI2 = 0.3 / MEDIAN_3
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
+_TRIMMED_INSIDE = 0.1  # of the blocks of a sweep, dropped: tolerates occluders and holes
+_CHROMA_PX = 16  # of the largest blocks whose mean chroma codecs quantize, for 4:2:0
 
 
 def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
@@ -153,8 +155,7 @@ def hue_inflation(state: State) -> float:
     """As `State.variance_inflation`, the larger of both axes of hue, also over blocks of chroma."""
     inside, _ = state.places
     e = state.weighted_residuals[..., 1:]
-    sizes = *BlockStatistics.sizes_px, BlockStatistics.chroma_px
-    squares = (block_squares(e, inside, size) for size in sizes)
+    squares = (block_squares(e, inside, size) for size in (*CORRELATED_PX, _CHROMA_PX))
     return max(1.0, *(float(s.mean(axis=0).max()) for s in squares if len(s)), 1.0)
 
 
@@ -166,16 +167,15 @@ def residual_excess(state: State) -> float:
     """
     e, n = state.weighted_residuals, state.observation.channels
     inside, outside = state.places
-    blocks = BlockStatistics
     ratios = [
-        _correlation(e, inside, blocks.trimmed_inside, size, n)
-        / max(_correlation(e, outside, blocks.trimmed_outside, size, n), 1.0)
-        for size in BlockStatistics.sizes_px
+        _correlation(e, inside, _TRIMMED_INSIDE, size, n)
+        / max(_correlation(e, outside, TRIMMED_OUTSIDE, size, n), 1.0)
+        for size in CORRELATED_PX
     ]
     excess = float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
     if n > 1 or excess <= 1:
         return excess
-    independent = max(np.count_nonzero(inside) / max(blocks.sizes_px) ** 2, 1.0)
+    independent = max(np.count_nonzero(inside) / max(CORRELATED_PX) ** 2, 1.0)
     return max(1.0, excess / float(chi_square_quantile(0.95, independent) / independent))
 
 

@@ -17,19 +17,12 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 from blurmatte.sweep.model.student_t import loss
 
-
-@dataclass(frozen=True)
-class BlockStatistics:
-    """Blocks of pixels over which the correlation of noise and of residuals is measured."""
-
-    # Widths: the noise of files and the residuals of wrong shapes correlate over such distances
-    sizes_px: tuple[int, ...] = (4, 8)
-    chroma_px: int = 16  # of the largest blocks whose mean chroma codecs quantize, for 4:2:0
-    margin_px: int = 3  # around a streak, where pixels do not count as background
-    # Fraction of the blocks of a sweep that is dropped: tolerates occluders and holes
-    trimmed_inside: float = 0.1
-    # Fraction of the background's blocks that is dropped: tolerates other moving objects
-    trimmed_outside: float = 0.3
+# Widths of blocks of pixels over which the correlation of noise and of residuals is measured: the noise
+# of files and the residuals of wrong shapes correlate over such distances
+CORRELATED_PX = (4, 8)
+BACKGROUND_MARGIN_PX = 3  # around a streak, where pixels do not count as background
+# Fraction of the background's blocks that is dropped: tolerates other moving objects
+TRIMMED_OUTSIDE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,13 +185,12 @@ class Observation(PixelBox):
         At least 1. Compression correlates noise; changes of light far from the object have the same
         effect.
         """
-        blocks = BlockStatistics
-        outside = ~dilated(self.streak, blocks.margin_px) & self.valid & (self.weight > 0)
+        outside = ~dilated(self.streak, BACKGROUND_MARGIN_PX) & self.valid & (self.weight > 0)
         e = (self.C - self.B) / np.sqrt(self.C_variance + self.B_variance)
         squares = [
-            block_squares(e, outside, size).sum(axis=1) / self.channels for size in blocks.sizes_px
+            block_squares(e, outside, size).sum(axis=1) / self.channels for size in CORRELATED_PX
         ]
-        kept = 1 - blocks.trimmed_outside
+        kept = 1 - TRIMMED_OUTSIDE
         trimmed = [np.sort(s)[: int(kept * len(s)) + 1] for s in squares if len(s)]
         return max(1.0, *(float(s.mean()) for s in trimmed), 1.0)
 

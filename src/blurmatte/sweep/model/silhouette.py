@@ -47,15 +47,11 @@ _BY_A, _BY_B = (
 _QUARTER = np.array([[0, -1.0], [1, 0]])  # of a turn, from +x towards +y
 
 
-@dataclass(frozen=True)
-class TimeSampling:
-    """Moments at which a moving shape is drawn."""
-
-    # Equal parts of the exposure that are subdivided; fewer where rim and path are smooth
-    parts: int = 48
-    soft_parts: int = 8
-    max_step_px: float = 0.7  # distance between two moments
-    max_per_part: int = 200  # moments in a part
+# Moments at which a moving shape is drawn.
+_PARTS = 48  # equal parts of the exposure, which are subdivided
+_SOFT_PARTS = 8  # the same where rim and path are smooth
+_MAX_STEP_PX = 0.7  # distance between two moments
+_MAX_PER_PART = 200  # moments in a part
 
 
 @dataclass(frozen=True)
@@ -296,12 +292,12 @@ def moments(
     soft: standard deviation of the rim's blur, in units of `scale`.
     """
     even = soft > 0 and family.kink(path) is None
-    parts = TimeSampling.soft_parts if even else TimeSampling.parts
-    step = TimeSampling.max_step_px
+    parts = _SOFT_PARTS if even else _PARTS
+    step = _MAX_STEP_PX
     if even:  # the variance of a pixel, and that of the blur
         step = 2 * max(float(np.sqrt(UNIFORM_VARIANCE + soft**2)), step)
     xy, _ = family.at(path, _even(parts))
-    t, lengths = pieces_of(xy, rim_motion / parts, step * scale, TimeSampling.max_per_part)
+    t, lengths = pieces_of(xy, rim_motion / parts, step * scale, _MAX_PER_PART)
     if not even:
         return t, lengths
     pairs = t[:, None] + 1 / np.sqrt(12) * lengths[:, None] * np.array([-1, 1])

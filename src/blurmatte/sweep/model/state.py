@@ -9,7 +9,7 @@ from blurmatte.checks import Array, Bools
 from blurmatte.statistics import mean_of_blocks
 from blurmatte.streaks import dilated
 from blurmatte.sweep.model.color_field import ColorField, fit_field
-from blurmatte.sweep.model.observation import BlockStatistics, Observation
+from blurmatte.sweep.model.observation import BACKGROUND_MARGIN_PX, CORRELATED_PX, Observation
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
 from blurmatte.sweep.model.silhouette import OPAQUE
@@ -76,7 +76,7 @@ class State:
     def places(self) -> tuple[Bools, Bools]:
         """Masks (h, w) of the sweep without opaque pixels, and of the background."""
         valid, alpha = self.observation.valid, self.swept.alpha
-        near = dilated((alpha > 0) | self.observation.streak, BlockStatistics.margin_px)
+        near = dilated((alpha > 0) | self.observation.streak, BACKGROUND_MARGIN_PX)
         return near & valid & (alpha < OPAQUE), ~near & valid
 
     @cached_property
@@ -87,7 +87,7 @@ class State:
         """
         (inside, _), n = self.places, self.observation.channels
         e = self.weighted_residuals
-        return max(1.0, *(mean_of_blocks(e, inside, size, n) for size in BlockStatistics.sizes_px))
+        return max(1.0, *(mean_of_blocks(e, inside, size, n) for size in CORRELATED_PX))
 
     def information(self) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost; colors are marginalized."""
