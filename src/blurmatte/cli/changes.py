@@ -180,8 +180,7 @@ def change_of(name: str, text: str) -> Change:
 
 def _colors(text: str) -> tuple[list[str] | None, list[str]]:
     """Paints and their new colors; or one new color for all."""
-    from blurmatte.radiometry.transfer import is_hex  # not for --help
-
+    is_hex = bm.radiometry.transfer.is_hex
     if is_hex(text):
         return None, [text]
     pairs = [pair.split("=") for pair in text.split(",")]
