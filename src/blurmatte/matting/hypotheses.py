@@ -286,14 +286,10 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     error = claimed_error(average)
     solid, average = graded(average)[0], found.with_open_errors(average)
     grade, alpha_error = graded(average)
-    because = reasons(terms, claim, found.weights, compressed)
-    if gray:
-        because = ["gray", *(name for name in because if name != "shape")]
-    if found.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid:
-        because = ["opacity", *because]
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
-    if untried:
-        because = ["time", *because]
+    is_open = found.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid
+    because = reasons(terms, claim, found.weights, compressed)
+    because = _with_further(because, untried=bool(untried), opacity=is_open, gray=gray)
     if (untried or gray) and grade is Grade.CONFIRMED:
         grade = Grade.PLAUSIBLE  # errors are calibrated on pictures in color, with all hypotheses
     # The maps have no other place for an error that may be larger than all others.
@@ -323,17 +319,17 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     factor = max(error / of_shape, 1.0)
     assert fitted.hypotheses is not None
     between = found.between_shapes(fitted.hypotheses.observation)
-    return Answer(
-        maps,
-        model,
-        maps.solved,
-        stats,
-        solver,
-        factor,
-        between,
-        locates=found.has_shape,
-        assumes="",
-    )
+    shown = maps, model, maps.solved, stats
+    return Answer(*shown, solver, factor, between, locates=found.has_shape, assumes="")
+
+
+def _with_further(because: list[str], untried: bool, opacity: bool, gray: bool) -> list[str]:
+    """Reasons of a grade, first those that are no terms of its error."""
+    if gray:
+        because = ["gray", *(name for name in because if name != "shape")]
+    if opacity:
+        because = ["opacity", *because]
+    return ["time", *because] if untried else because
 
 
 def _written(
