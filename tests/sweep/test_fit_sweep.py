@@ -199,7 +199,6 @@ def test_a_squashed_ball_is_an_ellipse():
 
 
 @pytest.mark.battery
-@pytest.mark.xfail(reason="a disc on a cubic leaves no more than noise, and is not rejected")
 def test_a_sheet_that_no_outline_describes_is_rejected():
     """door: it turns about an axis in the picture. The sweep is returned all the same."""
     path = Trajectory.line((60, 50), (100, 60))

@@ -60,9 +60,7 @@ _LENS_MIN_OVERLAP = 0.4  # with the reference
 _LENS_STEP = 1e-4  # of its numerical derivative
 _MAX_LENS = 0.3
 
-_BEND_ROUNDS = (
-    4  # of a step and a fit of the homography, at most, for the bend by a rolling shutter
-)
+_BEND_ROUNDS = 4  # of a step of a rolling shutter's bend and a fit of the homography, at most
 # When the lens term and the bend are certain.
 _MIN_CERTAIN_STD = 4.0  # standard deviations that each must differ from 0 by
 _MIN_MOVED_PX = 0.1  # and the displacement: of the corners, or of the last row of a compared frame

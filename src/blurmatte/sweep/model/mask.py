@@ -1,6 +1,6 @@
 """Mask: a rigid silhouette of any form, as the parts of square cells that it covers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated
 
@@ -46,7 +46,7 @@ class Mask(FlatShape):
     name = "free silhouette"
     names = ("radius",)
 
-    cells: tuple[tuple[Annotated[float, Interval(ge=0, le=1)], ...], ...]
+    cells: tuple[tuple[Annotated[float, Interval(ge=0, le=1)], ...], ...] = field(repr=False)
     width: Annotated[float, Gt(0)]
     freedom: Annotated[float, Ge(0)] = 0.0
     rim_error: Annotated[float, Ge(0)] = 0.0
