@@ -70,7 +70,7 @@ _MARGIN_PX = 4  # around the streak: light that is too faint for its mask
 
 @dataclass(frozen=True, eq=False)
 class WeightedHypotheses:
-    """Weighted hypotheses: shapes, the likeliest first, then those without a shape."""
+    """Weighted hypotheses: shapes in the order of `Hypotheses`, then those without a shape."""
 
     shapes: list[OnPath]
     shapeless: list[Shapeless]
@@ -113,8 +113,15 @@ class WeightedHypotheses:
 
     @property
     def best(self) -> FittedHypothesis:
-        """The one of the largest weight."""
-        return self.all[int(np.argmax(self.weights))]
+        """What the answer is named after: the first possible shape, or the likeliest without one."""
+        return self.all[self._index_of_best]
+
+    @property
+    def _index_of_best(self) -> int:
+        shapes = len(self.shapes)
+        if self.has_shape:
+            return int(np.argmax(self.possible))
+        return shapes + int(np.argmax(self.weights[shapes:]))
 
     @property
     def has_shape(self) -> bool:
@@ -214,7 +221,7 @@ class WeightedHypotheses:
             for one, weight, estimate in zip(self.all, self.weights, self.estimates, strict=True)
             if one.has_shape or not gray
         ]
-        return listed(found, self.weights[: len(found)])
+        return listed(found, self.weights[: len(found)], 0 if gray else self._index_of_best)
 
 
 @dataclass(frozen=True)

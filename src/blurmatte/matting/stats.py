@@ -275,14 +275,14 @@ class SolutionStats:
     readout : "down", "up", "left" or "right"
         Direction in the image in which the sensor is read out.
     sweep : SweepSummary or None
-        The likeliest shape on a path; None if none was fitted.
+        The first of the shapes on paths; None if none was fitted.
     smooth : SmoothSummary or None
         Of the solver `Smooth`.
     sum_shadow : float or None
         Of the solver `Shaded`: the shadow, summed like alpha.
     weights : tuple of float or None
-        Probabilities of the hypotheses that were averaged, 0…1: shapes on paths, the likeliest first,
-        then alpha without a shape.
+        Probabilities of the hypotheses that were averaged, 0…1: shapes on paths, the one first
+        whose alpha is expected to be the nearest to the truth, then alpha without a shape.
     shape_log_odds : (float, float) or None
         Log odds of a disc against an outline, -inf without a disc, and of a shape against none.
     alternatives : tuple of Alternative or None

@@ -190,12 +190,9 @@ class Alternative:
         return self.alpha_difference > error or abs(self.alpha_factor - 1) > scale
 
 
-def listed(alternatives: Sequence[Alternative], weights: Array) -> list[Alternative]:
-    """Alternatives that matter or disagree with the result, in order of their weights (n,).
-
-    The likeliest is the result's own.
-    """
-    own, *others = np.argsort(-weights, kind="stable")
+def listed(alternatives: Sequence[Alternative], weights: Array, own: int) -> list[Alternative]:
+    """That of the result, and those that matter or disagree with it, in order of weights (n,)."""
+    others = [i for i in np.argsort(-weights, kind="stable") if i != own]
     kept = [alternatives[own]]
     for one in (alternatives[i] for i in others):
         if one.matters or one.disagrees:

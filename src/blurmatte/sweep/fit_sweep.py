@@ -174,7 +174,7 @@ def fit_sweep(
     --------
     >>> sweep = bm.sweep.fit_sweep(image, plate, streak)
     >>> print(sweep)
-    Sweep(disc on a line, 59.6 px long, radius 9.99 ± 0.01 px, #ffc046, rank 1)
+    Sweep(disc on an arc, 59.6 px long, radius 9.99 ± 0.01 px, #ffc046, rank 1)
     """
     check_streak("streak", streak)
     check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
@@ -478,7 +478,10 @@ class _Candidates:
         return replace(self, candidates=candidates)
 
     def refined(self) -> Hypotheses:
-        """Their sweeps, the likeliest first."""
+        """Their sweeps, the one first whose alpha is expected to be the nearest to the truth.
+
+        Probabilities of sweeps that are nearly the same add up in this expectation.
+        """
         search, image = self.fits.search, self.fits.image
         weights = hypothesis_weights(self.evidence)
         compared = [
@@ -497,7 +500,8 @@ class _Candidates:
             for sweep, known, one in different
         ]
         probable = hypothesis_probabilities([known for _, known, _ in kept])
-        order = np.argsort(-probable, kind="stable")
+        apart = [[one.rms_difference(other) for other, *_ in kept] for one, *_ in kept]
+        order = np.argsort(apart @ probable, kind="stable")
         sweeps, evidences, fitted = zip(*(kept[i] for i in order), strict=True)
         if image.meta.transfer_assumed:
             sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)

@@ -249,7 +249,7 @@ class Hypotheses:
     """Sweeps that may explain a streak, and the evidence for each."""
 
     observation: Observation  # the data of all comparisons
-    sweeps: tuple[Sweep, ...]  # the likeliest first
+    sweeps: tuple[Sweep, ...]  # the one first that is expected to be the nearest to the truth
     evidence: tuple[Evidence, ...]  # of each sweep
     plate: LinearImage  # in the light that the object left on it, with its error
     streak: Streak  # the part of the picture that moved before that plate
@@ -259,24 +259,24 @@ class Hypotheses:
 
     @property
     def best(self) -> Sweep:
-        """The likeliest."""
+        """The first."""
         return self.sweeps[0]
 
     def best_evidence(self, observation: Observation) -> Evidence:
-        """The evidence for the likeliest in another observation."""
+        """The evidence for the best in another observation."""
         observation, alpha = _seen_with(observation, self.best)
         motion, fitted = _motion(self.best, observation), self.evidence[0].parameters
         return evidence_of(observation, alpha, np.zeros_like(alpha), fitted, motion)
 
     def outside_of_best(self, observation: Observation) -> Observation:
-        """An observation with no weight where the likeliest has the object."""
+        """An observation with no weight where the best has the object."""
         outside = _seen_with(observation, self.best)[1] == 0
         return replace(observation, weight=np.where(outside, observation.weight, 0))
 
     def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
         """The evidence for an alpha (H, W) of the whole picture that has no shape.
 
-        It moved as the likeliest shape did.
+        It moved as the best shape did.
         """
         alpha, alpha_std = (in_observation(x, self.observation) for x in (alpha, alpha_std))
         motion = _motion(self.best, self.observation)
