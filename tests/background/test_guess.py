@@ -152,6 +152,33 @@ def test_what_stands_out_from_a_wall_is_proposed_and_a_wall_alone_is_not():
     assert 14 < y0 <= 30 < 42 <= y1 < 58
 
 
+@pytest.mark.parametrize(("radius", "half_length"), [(25, 60), (6, 40)])
+def test_object_before_a_wall_that_ends_at_a_floor_is_proposed_alone(radius, half_length):
+    """A board and a floor reach across the picture, and a lamp is a smooth change of light."""
+    rng = np.random.default_rng(2)
+    y, x = np.mgrid[:240, :320]
+    scene = 0.3 + 0.4 * np.exp(-((x - 260) ** 2 + y**2) / 3e4)[..., None] * (1, 0.95, 0.9)
+    scene[185:190] = 0.75
+    scene[190:] = (0.05, 0.12, 0.3)
+    away = np.hypot(np.maximum(np.abs(x - 140) - half_length, 0), y - 95)
+    alpha = 0.4 * (away < radius)[..., None]
+    light = scene + alpha * ((0.1, 0.1, 0.1) - scene)
+    picture = LinearImage(light + rng.normal(0, NOISE, scene.shape))
+    ((x0, y0, x1, y1),) = regions_that_stand_out(picture)
+    reach = radius + half_length
+    assert 0 < x0 <= 140 - reach < 140 + reach < x1 < 320
+    assert 0 < y0 <= 95 - radius < 95 + radius < y1 < 185
+
+
+def test_surroundings_of_one_row_of_cells_are_too_little():
+    """They do not determine how light changes across the row."""
+    light = 0.4 + np.random.default_rng(0).normal(0, NOISE, (240, 320, 3))
+    region = np.zeros((240, 320), bool)
+    region[212:] = True
+    with pytest.raises(PlateError, match="too little of the scene"):
+        guess_plate(LinearImage(light), region)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_object_before_a_rough_scene_is_hidden_wholly(seed):
     """Its light is as likely as that of the scene nearly everywhere: agreement says nothing."""

@@ -271,7 +271,7 @@ class _AroundRegion:
         light, seen = np.asarray(image.rgb, float), image.valid & ~hidden[place]
         count = block_sums(seen.astype(float), cell)
         known = count > cell**2 / 2
-        if np.count_nonzero(known) < _MIN_CELLS:
+        if np.count_nonzero(known) < _MIN_CELLS or min(np.ptp(np.argwhere(known), axis=0)) == 0:
             raise _too_little()
         axes = np.linalg.eigh(np.cov(light[seen].T))[1]
         light = light @ axes

@@ -1,28 +1,28 @@
 """regions_that_stand_out: where something is before a smooth scene, in one picture without a plate.
 
-A robust polynomial over the picture shows cells that it does not explain. Each connected part is a
-candidate; it stands out if the picture in it differs from the guess of the scene there by more than
-scenes that agree with the surroundings do.
+Cells of a picture are compared with the median of the cells around them, in windows of several widths:
+it shows walls and floors with their edge, without what is smaller than half a window. Each connected
+part that differs is a candidate; it stands out if the picture in it differs from the guess of the scene
+there by more than scenes that agree with the surroundings do.
 """
 
 import numpy as np
 import scipy
 
-from blurmatte.background.guess import RIM_PX, PlateGuess, guess_plate
-from blurmatte.checks import Array, Bools, Box, box_of, grown, rows_columns
+from blurmatte.background.guess import RIM_PX, PlateGuess, guess_plate, noise_around
+from blurmatte.checks import Array, Bools, Box, Floats, box_of, enclosing, grown, rows_columns
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_picture
-from blurmatte.statistics import MAD_TO_STD, QUANTILE_999_3, block_sums
+from blurmatte.statistics import QUANTILE_999_3, block_sums, robust_std
 
 _CELLS = 64  # of the longer side of a picture
-_DEGREE = 4  # of the polynomial: light of lamps and windows on walls, skies and tables
-_ROUNDS = 30  # of robust weights
-_BISQUARE = 4.7  # residuals beyond so many standard deviations have no weight [Beaton, Tukey 1974]
+_REACHES = 4, 8, 16  # cells from the center of a window to its border
 _MOST = 5  # candidates, the largest evidence first
 _MAX_SHARE = 0.25  # of the picture that one candidate may cover: around it the scene is seen
-_MARGIN_PX = 8  # around a candidate
+_MAX_COMMON = 0.5  # cells of two candidates over those of either, or of one in the other
+_MARGIN_PX = 8  # around a candidate, and one cell: its rim is fainter than the threshold
 _MIN_RATIO = 9.0  # of squared differences, of the picture and of draws: three standard deviations
-_FEW_CELLS = 2  # smaller parts are noise
+_MIN_CELLS = 2  # smaller parts are noise
 
 
 def regions_that_stand_out(image: LinearImage) -> list[Box]:
@@ -47,71 +47,87 @@ def regions_that_stand_out(image: LinearImage) -> list[Box]:
     [(59, 40, 100, 80)]
     """
     check_picture("image", image)
-    found = []
-    for box in _candidates(image):
-        region = np.zeros(image.valid.shape, bool)
-        region[rows_columns(box)] = True
+    parts = _candidates(image)
+    if image.noise is None and parts:
+        image = image.with_noise(noise_around(image, np.logical_or.reduce(parts)))
+    found: list[tuple[float, Box]] = []
+    uncertain: list[Bools] = []
+    for part in parts:
+        box = box_of(part)
+        if any(_overlap(box, other) for _, other in found):
+            continue
+        # As wide as what a guess is made from at most, so that large pictures take no longer.
+        near = grown(box, max(box[2] - box[0], box[3] - box[1]) + RIM_PX, image.size)
+        shown = image.crop(near)
         try:
-            guess = guess_plate(image, region)
+            guess = guess_plate(shown, part[rows_columns(near)])
         except PlateError:  # it is as large as the picture
             continue
-        ratio = _ratio(image, guess)
-        if ratio > _MIN_RATIO:
-            found.append((ratio, grown(box_of(guess.hidden), RIM_PX, image.size)))
-    return _apart([box for _, box in sorted(found, reverse=True)])
+        ratio = _ratio(shown, guess)
+        if ratio <= _MIN_RATIO:
+            uncertain.append(part)
+            continue
+        x0, y0, x1, y1 = grown(box_of(guess.hidden), RIM_PX, shown.size)
+        box = near[0] + x0, near[1] + y0, near[0] + x1, near[1] + y1
+        # Behind a large object any scene is likely, but not behind a part of it.
+        wholes = [other for other in uncertain if (part & other).sum() > _MAX_COMMON * part.sum()]
+        found.append((ratio, enclosing([box, *map(box_of, wholes)])))
+    return [box for _, box in sorted(found, reverse=True)]
 
 
-def _candidates(image: LinearImage) -> list[Box]:
-    """Boxes around connected cells that a smooth field does not explain."""
+def _candidates(image: LinearImage) -> list[Bools]:
+    """(H, W) where connected cells differ from those around them, the largest evidence first.
+
+    What reaches from one side of the picture to the other is a part of the scene.
+    """
     cell = max(2, -(-max(image.size) // _CELLS))
     count = block_sums(image.valid.astype(float), cell)
     known = count > cell**2 / 2
-    if np.count_nonzero(known) < (_DEGREE + 1) * (_DEGREE + 2):
+    if not known.any():
         return []
     light = block_sums(np.where(image.valid[..., None], np.asarray(image.rgb, float), 0), cell)
-    z2 = np.where(known, _misfit(light / np.maximum(count, 1)[..., None], known), 0)
-    labels, parts = scipy.ndimage.label(z2 > QUANTILE_999_3, np.ones((3, 3)))
-    sums = scipy.ndimage.sum_labels(z2, labels, np.arange(1, parts + 1))
-    places = scipy.ndimage.find_objects(labels)
-    boxes = []
-    for k in np.argsort(sums)[::-1]:
-        rows, columns = places[k]
-        sides = rows.stop - rows.start, columns.stop - columns.start
-        if np.prod(sides) > _MAX_SHARE * labels.size or max(sides) < _FEW_CELLS:
-            continue
-        margin = _MARGIN_PX + cell * (1 + min(sides) // 2)  # alpha falls to zero over the width
-        x0, y0, x1, y1 = (
-            cell * edge for edge in (columns.start, rows.start, columns.stop, rows.stop)
-        )
-        boxes.append(grown((x0, y0, x1, y1), margin, image.size))
-    return boxes[:_MOST]
+    light /= np.maximum(count, 1)[..., None]
+    found = []
+    for reach in _REACHES:
+        z2 = _differences(light, known, 2 * reach + 1)
+        labels, parts = scipy.ndimage.label(z2 > QUANTILE_999_3, np.ones((3, 3)))
+        sums = scipy.ndimage.sum_labels(z2, labels, np.arange(1, parts + 1))
+        found += [(sums[k], labels == k + 1) for k in np.argsort(sums)[::-1][:_MOST]]
+    kept: list[Bools] = []
+    for _, part in sorted(found, key=lambda one: -one[0]):
+        if _is_possible(part) and not any(_are_one(part, other) for other in kept):
+            kept.append(part)
+    return [_in_pixels(part, cell, image.valid.shape) for part in kept[:_MOST]]
 
 
-def _misfit(light: Array, known: Bools) -> Array:
-    """(rows, columns) squared residuals of a robust polynomial over their variance, of all channels.
+def _differences(light: Floats, known: Bools, width: int) -> Array:
+    """(rows, columns) squared differences of cells from the median of a window, over their variance."""
+    z2 = np.zeros(known.shape)
+    for channel in np.moveaxis(light, -1, 0):
+        rest = channel - scipy.ndimage.median_filter(channel, width, mode="nearest")
+        z2 += (rest / max(robust_std(rest[known]), np.finfo(np.float32).eps)) ** 2
+    return np.where(known, z2, 0)
 
-    An object covers many cells that agree with each other: Tukey's bisquare gives them no weight at
-    all, and Student's t a little.
-    """
-    y, x = (np.linspace(-1, 1, n) for n in known.shape)
-    terms = np.polynomial.legendre.legvander2d(
-        *np.meshgrid(x, y),
-        [_DEGREE, _DEGREE],
-    )
-    degree = np.add.outer(np.arange(_DEGREE + 1), np.arange(_DEGREE + 1)).ravel()
-    basis = terms[..., degree <= _DEGREE][known]
-    values = light[known]
-    z2 = np.zeros(len(values))
-    weight = np.ones(len(values))
-    for _ in range(_ROUNDS):
-        root = np.sqrt(weight)[:, None]
-        rest = values - basis @ np.linalg.lstsq(root * basis, root * values, rcond=None)[0]
-        std = MAD_TO_STD * np.median(np.abs(rest), axis=0)
-        z2 = ((rest / np.maximum(std, np.finfo(np.float32).eps)) ** 2).sum(axis=1)
-        weight = np.maximum(1 - z2 / (rest.shape[1] * _BISQUARE**2), 0) ** 2
-    result = np.zeros(known.shape)
-    result[known] = z2
-    return result
+
+def _is_possible(part: Bools) -> bool:
+    """Whether cells may show an object: not single, not most of the picture, not across it."""
+    if part.mean() > _MAX_SHARE:
+        return False
+    sides = [np.flatnonzero(part.any(axis=axis)) for axis in (0, 1)]
+    across = any(np.ptp(at) == n - 1 for at, n in zip(sides, part.shape[::-1], strict=True))
+    return not across and max(map(len, sides)) >= _MIN_CELLS
+
+
+def _are_one(one: Bools, other: Bools) -> bool:
+    return bool((one & other).sum() > _MAX_COMMON * (one | other).sum())
+
+
+def _in_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
+    """(H, W) the pixels of cells, with a margin."""
+    pixels = np.zeros(shape, bool)
+    inner = part.repeat(cell, axis=0).repeat(cell, axis=1)
+    pixels[: inner.shape[0], : inner.shape[1]] = inner
+    return np.asarray(scipy.ndimage.distance_transform_edt(~pixels) <= _MARGIN_PX + cell)
 
 
 def _ratio(image: LinearImage, guess: PlateGuess) -> float:
@@ -124,10 +140,6 @@ def _ratio(image: LinearImage, guess: PlateGuess) -> float:
     return own / (by_chance + noise)
 
 
-def _apart(boxes: list[Box]) -> list[Box]:
-    """Boxes that do not overlap one before them."""
-    kept: list[Box] = []
-    for x0, y0, x1, y1 in boxes:
-        if all(x1 <= a0 or a1 <= x0 or y1 <= b0 or b1 <= y0 for a0, b0, a1, b1 in kept):
-            kept.append((x0, y0, x1, y1))
-    return kept
+def _overlap(one: Box, other: Box) -> bool:
+    (a0, b0, a1, b1), (x0, y0, x1, y1) = one, other
+    return a0 < x1 and x0 < a1 and b0 < y1 and y0 < b1
