@@ -322,6 +322,17 @@ def test_grade_of_a_lamp_states_no_factor_of_an_alpha_that_is_zero(solution, gra
     assert "times as large" not in " ".join(explain(lamp))
 
 
+def test_gray_pictures_have_no_colors_in_words(solution):
+    stats = {"grade": Grade.ASSUMED, "grade_reasons": ("gray",), "alternatives": BOTH}
+    gray = solution(**stats, may_be_shadow=True)
+    assert gray.stats.is_gray
+    (also, _) = alternatives_in_words(replace(gray, stats=replace(gray.stats, alpha_scale_std=0.2)))
+    assert also == "also fits: alpha x 1.30 (no shape, one paint)"
+    said = " ".join(explain(gray))
+    assert "gray pictures do not show which" in said
+    assert "given color" not in said
+
+
 def graded(solution, *alternatives, scale=0.2):
     found = tuple(Alternative(**one) for one in alternatives)
     return solution(grade=Grade.ASSUMED, alpha_scale_std=scale, alternatives=found)

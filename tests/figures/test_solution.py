@@ -161,6 +161,17 @@ def test_alternatives_have_swatches(monkeypatch, size, count):
     assert all(right <= 1800 - 40 for _, (_, _, right, _) in written)
 
 
+def test_sheet_of_gray_pictures_has_no_colors(monkeypatch):
+    image, plate, solution = solved((120, 90), (30, 40), (80, 50))
+    stats = {"grade": Grade.ASSUMED, "grade_reasons": ("gray",), "alternatives": alternatives(3)}
+    written = texts(monkeypatch)
+    draw_overview(image, plate, replace(solution, stats=replace(solution.stats, **stats)))
+    said = [words for words, _ in written]
+    assert "gray, without a hue" in said
+    assert "alpha x 2.30" in said
+    assert not any("#" in words for words in said)
+
+
 @pytest.mark.parametrize("grade", [Grade.CONFIRMED, None])
 def test_confirmed_and_ungraded_solutions_have_no_swatches(monkeypatch, grade):
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))

@@ -333,9 +333,10 @@ def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Pat
     """Alternatives, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain.grade import also_fits, also_moved
 
-    lines = [*also_fits(solution), str(solution), in_degrees(solution.model)]
+    stats = solution.stats
+    color = "gray, without a hue" if stats.is_gray else in_degrees(solution.model)
+    lines = [*also_fits(solution), str(solution), color]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
-    stats = solution.stats
     lines += also_moved(stats.other_boxes, stats.insignificant_others)
     return [*lines, str(folder / "overview.png")]

@@ -45,6 +45,10 @@ _ALL_SHADOW = (
     "plate and of its hue; the picture does not show which. Alpha holds only if something of the "
     "given color was there."
 )
+_ALL_SHADOW_IN_GRAY = (
+    "Only light was lost: all of this may be a shadow, or an object that is darker than the plate; "
+    "gray pictures do not show which. Alpha holds only if it is an object."
+)
 _MIN_FLAGGED_FRACTION = 0.25  # of the streak's pixels, for a warning
 _REMEDY = {
     Quality.SATURATED: "is clipped in the image or the plate and cannot be known; expose shorter",
@@ -213,11 +217,15 @@ def alternatives_in_words(solution: Solution) -> list[str]:
 
 
 def also_fits(solution: Solution) -> list[str]:
-    """Colors of the hypotheses whose alpha differs from the answer's; one line or none."""
+    """Colors of the hypotheses whose alpha differs from the answer's; one line or none.
+
+    Of gray pictures the factors of alpha alone.
+    """
     others = [one for one in alternatives_of(solution)[1:] if one.disagrees]
+    gray = solution.stats.is_gray
     parts = (
-        ("also fits", [_with_alpha(one) for one in others if one.matters]),
-        ("fits less well", [_with_alpha(one) for one in others if not one.matters]),
+        ("also fits", [_with_alpha(one, gray) for one in others if one.matters]),
+        ("fits less well", [_with_alpha(one, gray) for one in others if not one.matters]),
     )
     said = [f"{heading}: {'; '.join(those)}" for heading, those in parts if those]
     return ["; ".join(said)] if said else []
@@ -256,8 +264,8 @@ def factor_interval(solution: Solution) -> list[str]:
     return [f"all of alpha may be {low:.2f} to {high:.2f} times as large: {each}"]
 
 
-def _with_alpha(one: Alternative) -> str:
-    return f"{one.hex} with alpha x {one.alpha_factor:.2f} ({one.name})"
+def _with_alpha(one: Alternative, gray: bool) -> str:
+    return f"{'' if gray else f'{one.hex} with '}alpha x {one.alpha_factor:.2f} ({one.name})"
 
 
 def doubts(solution: Solution) -> list[str]:
@@ -269,7 +277,7 @@ def doubts(solution: Solution) -> list[str]:
     if not inside.size:
         return []
     if solution.stats.may_be_shadow:
-        return [_ALL_SHADOW]
+        return [_ALL_SHADOW_IN_GRAY if solution.stats.is_gray else _ALL_SHADOW]
     unknown = ~solution.known[solution.streak]
     shares = {
         flag: float(np.mean(((inside & flag) != 0) & (unknown | (flag != Quality.SATURATED))))

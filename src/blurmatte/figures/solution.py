@@ -130,6 +130,8 @@ def _draw_model(sheet: Canvas, x: int, solution: Solution) -> int:
     model = solution.model
     y = sheet.heading(x, sheet.y, "color of the object")
     width = min(Page.width - Page.margin - x, 520)
+    if solution.stats.is_gray:
+        return sheet.text(x, y, width, "gray, without a hue", Page.title_size, Palette.bright) + y
     for row in _swatch(model, width):
         sheet.paste(row, x, y)
         y += row.shape[0]
@@ -159,7 +161,8 @@ def _draw_alternatives(sheet: Canvas, x: int, y: int, solution: Solution) -> int
     gap = 10
     column = min((width + gap) // MAX_ALTERNATIVES - gap, 130)
     bottoms = [
-        _draw_swatch(sheet, x + i * (column + gap), y, column, one) for i, one in enumerate(found)
+        _draw_swatch(sheet, x + i * (column + gap), y, column, one, solution.stats.is_gray)
+        for i, one in enumerate(found)
     ]
     y = max(bottoms) + 6
     for line in alternatives_in_words(solution):
@@ -167,14 +170,19 @@ def _draw_alternatives(sheet: Canvas, x: int, y: int, solution: Solution) -> int
     return y
 
 
-def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative) -> int:
-    """Draw one color with its hex code, factor of alpha and weight; returns the bottom."""
-    codes = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
-    height = 48
-    sheet.paste(np.broadcast_to(codes, (height, width, 3)), x, y)
-    y += height + 6
+def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative, gray: bool) -> int:
+    """Draw one color with its hex code, factor of alpha and weight; returns the bottom.
+
+    Of gray pictures without the color.
+    """
+    if not gray:
+        codes = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
+        height = 48
+        sheet.paste(np.broadcast_to(codes, (height, width, 3)), x, y)
+        y += height + 6
     weight = f"weight {one.weight:.2f}" if one.weight >= 0.01 else "weight < 0.01"
-    for line in (one.hex, f"alpha x {one.alpha_factor:.2f}", weight):
+    name = () if gray else (one.hex,)
+    for line in (*name, f"alpha x {one.alpha_factor:.2f}", weight):
         color = Palette.bright if one.matters else Palette.dim
         y += sheet.text(x, y, width, line, Page.body_size, color)
     return y

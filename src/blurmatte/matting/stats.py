@@ -351,6 +351,11 @@ class SolutionStats:
         """Whether the answer is an object that hides nothing of the light behind it."""
         return self.has_shape and self.sweep is not None and self.sweep.opacity == 0
 
+    @property
+    def is_gray(self) -> bool:
+        """Whether the pictures are gray: the object's color has no hue."""
+        return "gray" in self.grade_reasons
+
     def moved(self, x: int, y: int) -> SolutionStats:
         """The same in a picture in which that of the solution begins at x, y; pixels."""
 

@@ -241,7 +241,8 @@ def fit_hypotheses(
         return _fit_before(image, plate, streak, search, start, hypotheses, limit)
 
     found = before(plate, streak)
-    if any(one.changes_plate for one in hypotheses):
+    # Without hues a dark object looks like a loss of light.
+    if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
         found = _in_likelier_light(found, image, before, limit)
     # Nobody can give the color of a black thing in a gray picture.
     if model is None and not image.meta.one_channel and not _is_solid(found.best):
