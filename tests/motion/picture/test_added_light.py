@@ -67,3 +67,18 @@ def test_lamp_before_a_dark_sky_is_found_in_every_frame():
         motion = row.sighting.motion
         z.append((motion.center - xy) / motion.center_std)
     assert np.abs(z).max() < 3.5
+
+
+def test_lamp_before_a_dim_textured_sky_is_in_its_place_in_every_frame():
+    """A change of speed looks like a change of brightness, and alpha is none where texture shows it."""
+    # honest
+    rng = np.random.default_rng(1)
+    cells = 0.02 + 0.02 * rng.random((9, 15, 1)).repeat(8, 0).repeat(8, 1)
+    sky = cells[: SIZE[1], : SIZE[0]] * [0.6, 0.7, 1.0]
+    places = [np.array([20 + 11 * k, 56 - 6 * k]) for k in range(8)]
+    light = [sky + lamp(xy, -0.5, 100.0) for xy in places]
+    rows = measure_clip([noisy(one, rng) for one in light])
+    off = np.array([row.sighting.motion.center - xy for xy, row in zip(places, rows, strict=True)])
+    std = np.array([row.sighting.motion.center_std for row in rows])
+    assert np.abs(off).max() < 0.1
+    assert np.abs(off / std).max() < 3.5

@@ -48,7 +48,9 @@ from blurmatte.motion.picture.measure import (
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, coded_frames, each_coded
+from blurmatte.statistics import chi_square_quantile
 from blurmatte.streaks import Streak, find_streaks
+from blurmatte.sweep.fit.ranking import MAX_LIGHT
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
@@ -56,6 +58,7 @@ from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
 _MIN_KNOWN_FRACTION = 0.5  # of a streak's pixels, whose alpha the moments are of
+_CONTRADICTING = float(chi_square_quantile(0.999, 2))  # squared distance of two places
 _FRAMES = 3  # measured with each curve; their shifts differ by a tenth
 
 
@@ -277,16 +280,42 @@ def _measured(
         image = replace(image, valid=image.valid & ~shadow)
         streak = replace(streak, mask=streak.mask & ~shadow)
     sweep = fit_disc(image, plate, streak, model)
-    if not sweep.rejection:
+    light = _motion_of_source(sweep, image, plate, streak, model)
+    if not sweep.rejection and light is None:
         motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
         return _sighting(motion, streak, replace(model, mean=sweep.model.mean), sweep)
     if model.rank == 3:
         raise MotionError(
             "no disc on a path explains the streak, and without a color nothing else can be measured"
         )
+    if light is not None:
+        return _sighting(light, streak, model, sweep)
     motion, model = _motion_of_pixels(image, plate, streak, model)
     motion = replace(motion, covariance=inflation**2 * motion.covariance)
     return _sighting(motion, streak, model, sweep)
+
+
+def _motion_of_source(
+    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
+) -> Motion | None:
+    """Motion from the moments of added light, of a source of light that a sweep does not explain.
+
+    Nor does it if it is elsewhere than the light: a change of its speed looks like one of brightness.
+    The light of a source is far above that of the plate, so that the plate need not be even.
+    """
+    mean = sweep.model.mean
+    if model.rank > 1 or mean is None or mean.max() <= MAX_LIGHT:
+        return None
+    try:
+        light = motion_of_added_light(image, plate, streak.mask, model.basis[:, 0])
+    except MotionError:
+        return None
+    if sweep.rejection:
+        return light
+    of_sweep = motion_of_sweep(sweep, None)
+    off = light.center - of_sweep.center
+    variance = light.covariance[:2, :2] + of_sweep.covariance[:2, :2]
+    return light if off @ np.linalg.solve(variance, off) > _CONTRADICTING else None
 
 
 def _motion_of_pixels(
