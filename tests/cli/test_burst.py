@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from tests.commands import complaint, run
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
+from tests.scenes import rendered
 
 import blurmatte as bm
+from blurmatte.rendering import Ball, Scene
 
 SIZE = (192, 120)
 VIEWS = [similarity(SIZE, -6.3, 4.1, 1, 0.01), similarity(SIZE), similarity(SIZE, 7.7, -3.4)]
@@ -41,6 +43,28 @@ def test_shot_is_solved_before_two_others(burst, tmp_path):
     report = json.loads((tmp_path / "report.json").read_text())
     assert report["plate"]["file"] == "plate of 2 shots"
     assert not (tmp_path / "parallax.png").exists()
+
+
+@pytest.mark.battery
+def test_match_does_not_follow_the_object_before_a_wall(tmp_path):
+    """oracle: a displacement of the object looks like one of the camera, and then nothing moved."""
+    x, y = np.meshgrid(np.arange(480), np.arange(320))
+    shade = 0.35 + 0.2 * np.exp(-((x - 350) ** 2 + (y - 40) ** 2) / 6e4)
+    wall, alpha = shade[..., None] * [1, 0.95, 0.85], {}
+    for k in range(1, 4):
+        start = np.array([120 + 24.0 * k, 180 - 6.0 * k])
+        path = bm.Trajectory.line(start, start + np.array([50, -12]))
+        rendering = rendered(Scene(wall, path, Ball(13, np.array([0.85, 0.16, 0.05]))))
+        light = np.clip(noisy(rendering.image.rgb, k).rgb, 0, 1)
+        codes = np.rint(255 * bm.SRGB.encode(light)).astype(np.uint8)
+        bm.write(tmp_path / f"shot{k}.jpg", bm.decode(codes, bm.SRGB))
+        alpha[k] = rendering.layer.alpha
+    plates = ("--plate", tmp_path / "shot1.jpg", "--plate", tmp_path / "shot3.jpg")
+    result = run("solve", tmp_path / "shot2.jpg", *plates, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.stderr
+    assert "shifted" not in result.stdout
+    layer = bm.read_layer(tmp_path / "out/layer.exr")
+    assert np.sqrt(np.mean((layer.alpha - alpha[2])[alpha[2] > 0] ** 2)) < 0.02
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,10 @@ from blurmatte.statistics import QUANTILE_999_3
 
 # Fraction of the pixels on which shots differ where no two agree: noise alone yields one in 900
 _MIN_HOLES = 0.01
-# Error of a guess over the noise of a shot: of a rougher one, pixels are better not known
+# Error of a guess over the noise of a shot, and over what the object changes: of a rougher one, pixels
+# are better not known
 _MAX_GUESS_ERROR = 2.0
+_MAX_ERROR_OF_CHANGE = 0.1
 
 
 def burst_plate(
@@ -84,7 +86,13 @@ def _checked(image: LinearImage, plate: LinearImage, differ: Bools) -> LinearIma
     try:
         guess = guess_plate(plate, region)
         noise = noise_around(image, region)
-        if guess.error**2 > _MAX_GUESS_ERROR**2 * noise.variance(guess.rgb[guess.hidden]).mean():
+        light = guess.rgb[guess.hidden]
+        change = np.quantile(((image.rgb[guess.hidden] - light) ** 2).mean(axis=-1), 0.95)
+        limits = (
+            _MAX_GUESS_ERROR**2 * noise.variance(light).mean(),
+            _MAX_ERROR_OF_CHANGE**2 * change,
+        )
+        if guess.error**2 > max(limits):
             return plate
         unlikely = _contradicting(plate, guess) | _undecided(image, plate, guess, differ & region)
         guess = guess_plate(plate, region & unlikely)
