@@ -71,6 +71,14 @@ def test_edit_applies_changes_in_order(scene, tmp_path):
         assert_allclose(edited.premultiplied, expected.premultiplied, rtol=1e-5, atol=1e-7)
 
 
+def test_folder_of_results_is_its_layer_even_with_other_pictures(scene, tmp_path):
+    out = tmp_path / "out.exr"
+    good("edit", scene, "--fade", 0.5, "--out", out)
+    assert_allclose(bm.read_layer(out).alpha, 0.5 * bm.read_layer(scene / "layer.exr").alpha)
+    good("compose", scene, "--over", scene / "plate.png", "--out", tmp_path / "whole.png")
+    assert codes(tmp_path / "whole.png").shape == (64, 96, 3)
+
+
 def test_edit_keeps_all_other_pixels(scene, own, tmp_path):
     out = tmp_path / "out.png"
     good("edit", scene / "layer.exr", *own, "--recolor", "#2040ff", "--fade", 2, "--out", out)

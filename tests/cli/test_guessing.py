@@ -77,6 +77,10 @@ def test_measure_of_a_guess_needs_a_region(photo):
     assert "needs --region" in result.stderr
 
 
+def test_measure_of_a_picture_names_what_solves_it(photo):
+    assert "--plate none --region X0,Y0,X1,Y1" in run("measure", photo).stderr
+
+
 def test_region_of_a_layer_is_refused(bar):
     result = run("measure", bar, "--region", "28,24,84,56")
     assert result.exit_code == 2
@@ -125,6 +129,7 @@ def test_object_is_faded_before_a_guess(photo, bar, tmp_path):
         (("color", "photo"), "solve --plate none finds the color"),
         (("remove", "bar.####.png", "--image", "photo"), "of a row give the plate"),
         (("sharpen", "bar"), "--plate none needs --image"),
+        (("solve", "photo"), "find IMAGE --plate none proposes regions"),
     ],
 )
 def test_commands_that_cannot_guess_say_what_to_do(photo, bar, tmp_path, words, says):

@@ -27,7 +27,7 @@ from blurmatte.cli.changes import (
     changed,
 )
 from blurmatte.cli.console import about, option, say, waiting
-from blurmatte.cli.paths import PICTURE, check_file, is_row
+from blurmatte.cli.paths import PICTURE, check_file, is_row, layer_in
 from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch_row
 from blurmatte.cli.selection import (
     GUESSED,
@@ -89,6 +89,7 @@ def edit(
     if not asked:
         raise ValueError("give a change: --fade, --amplify, --recolor, --expose or --gain")
     wanted = [change_of(name, text) for name, text in asked]
+    layer = layer_in(layer)
     if is_row(Path(layer)) or (own.image is not None and is_row(own.image)):
         _check_one_layer(layer, looks)
         _edit_row(layer, wanted, own, row, reading, out)
@@ -169,6 +170,7 @@ def remove(
 
     Of a row of layers, from those frames of a clip or of a row of pictures that have its number.
     """
+    layer = layer_in(layer)
     source = Path(layer)
     if is_row(source) or is_row(image):
         _check_one_layer(layer, looks)
@@ -219,6 +221,7 @@ def compose(
     """Put LAYER over another picture, in linear light."""
     asked = changes.in_order(ctx.meta[ORDER])
     wanted = [change_of(name, text) for name, text in asked]
+    layer = layer_in(layer)
     if is_row(Path(layer)):
         _check_one_layer(layer, looks)
         ground = _behind(reading, over, placement)

@@ -33,6 +33,7 @@ from blurmatte.cli.paths import (
     check_folder,
     check_outputs,
     expanded,
+    layer_in,
 )
 from blurmatte.cli.selection import GUESSED, PICTURES, Layer, Out, OutFolder, OwnPictures, Reading
 from blurmatte.formats import MAX_PIXELS
@@ -153,7 +154,7 @@ def sharpen(
     if frames < 1:
         raise ValueError(f"--frames must be 1 or more, got {frames}")
     check_file(sheet, "a sheet", *SHEET)
-    files = expanded([layer])
+    files = expanded([layer_in(layer)])
     if len(files) > 1 and (sheet is not None or pictures.image is not None):
         raise ValueError(f"--image and --sheet are for one layer; {layer} are {len(files)}")
     single = frames * len(files) == 1

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
-from blurmatte.cli.paths import SHEET, check_file
+from blurmatte.cli.paths import SHEET, check_file, layer_in
 from blurmatte.cli.picture_solving import solved_picture_at
 from blurmatte.cli.quantities import (
     LENGTH,
@@ -245,10 +245,17 @@ def _read(
         solution = solved_picture_at(layer, picture.plate, picture.region, camera, known)
         with about(layer):
             return solution, bm.measure_motion(solution)
-    inside = layer / "layer.exr"
-    path = inside if inside.is_file() else layer
+    path = Path(layer_in(str(layer)))
     with about(path):
-        solution = bm.read_solution(path, reading.max_pixels)
+        try:
+            solution = bm.read_solution(path, reading.max_pixels)
+        except bm.errors.FileError as error:
+            if picture is None or not path.is_file():
+                raise
+            raise bm.errors.FileError(
+                f"{error}. A picture is solved first with --plate FILE, or --plate none --region "
+                "X0,Y0,X1,Y1"
+            ) from error
         return solution, bm.measure_motion(solution)
 
 

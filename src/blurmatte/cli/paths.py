@@ -203,6 +203,12 @@ def _expanded(text: str) -> list[Path]:
     return sorted(found, key=natural_order)
 
 
+def layer_in(text: str) -> str:
+    """The name of a layer: of a folder with the results of one picture, that of its layer.exr."""
+    inside = Path(text) / "layer.exr"
+    return str(inside) if inside.is_file() else text
+
+
 def given_files(images: Iterable[str], *others: str | Path | None) -> tuple[Path, ...]:
     """The files of images and options, each once; options may be values of other kinds."""
     paths = [*expanded(images), *(Path(one) for one in others if one is not None)]

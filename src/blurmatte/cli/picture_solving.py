@@ -110,7 +110,7 @@ def check_guess(match: str, region: str | None, solver: str, transfer: str | Non
     if region is None:
         raise ValueError(
             "--plate none needs --region, where the object may have been: what is behind it is guessed "
-            "from the scene around that"
+            "from the scene around that; find IMAGE --plate none proposes regions"
         )
     if match not in ("auto", "none"):
         raise ValueError(f"--match {match} needs a plate; with --plate none leave it out")
