@@ -158,6 +158,14 @@ def test_nothing_is_claimed_without_edges_or_sharing():
     assert siting_of(sited(edges(), "left", "yuv444p")) is None
 
 
+def test_gray_clips_have_no_chroma_to_be_displaced(tmp_path):
+    # exact, and without a warning
+    codes = texture()[..., :1].repeat(3, axis=-1)
+    frames = read_frames(save(tmp_path / "a.mp4", codes, "left"))
+    assert frames.clip.siting == ""
+    assert frames.for_plate(None).place_std == (0, 0)
+
+
 @pytest.mark.parametrize("siting", ["left", "center", "topleft", "top"])
 def test_a_plate_shows_where_chroma_lies(tmp_path, siting):
     # oracle: colors are then where the plate has them

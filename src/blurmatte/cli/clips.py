@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import blurmatte as bm
-from blurmatte.cli.console import about, answer, complain, in_degrees, waiting
+from blurmatte.cli.console import WITHOUT_HUE, about, answer, complain, in_degrees, waiting
 from blurmatte.cli.quantities import Direction
 from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
 from blurmatte.explain.calibration import camera_in_words
@@ -109,7 +109,8 @@ class Tracking:
         rows, several = clip.rows, clip.clip.several
         with about(self.source):
             objects = summaries(rows, places, several, known)
-        said = clip_in_words(rows, in_degrees(clip.seen_color), several)
+        color = WITHOUT_HUE if clip.is_gray else in_degrees(clip.seen_color)
+        said = clip_in_words(rows, color, several)
         said += Cadence.stated(rows).words
         said += [word for one in objects for word in summary_in_words(one, several)]
         said += camera_in_words(clip.camera, clip.clip.numbers)

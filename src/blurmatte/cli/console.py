@@ -190,6 +190,9 @@ def _block(red: int, green: int, blue: int) -> str:
     return typer.style("    ", bg=(red, green, blue))
 
 
+WITHOUT_HUE = "gray, without a hue"  # the color of an object in gray pictures
+
+
 def in_degrees(model: bm.ColorModel) -> str:
     """A model in one line: the color that names the object, its rank, and how sure the colors are."""
     if model.rank == 3:

@@ -14,6 +14,7 @@ import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
 from blurmatte.cli.console import (
+    WITHOUT_HUE,
     Verbosity,
     about,
     answer,
@@ -334,7 +335,7 @@ def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Pat
     from blurmatte.explain.grade import also_fits, also_moved
 
     stats = solution.stats
-    color = "gray, without a hue" if stats.is_gray else in_degrees(solution.model)
+    color = WITHOUT_HUE if stats.is_gray else in_degrees(solution.model)
     lines = [*also_fits(solution), str(solution), color]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")

@@ -40,11 +40,13 @@ from blurmatte.formats import EXR, MAX_PIXELS, Writes, format_at, is_clip, writt
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.compression import CodingErrors
-from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.image import LinearImage, are_gray
 from blurmatte.radiometry.transfer import TRANSFER_HINT, Transfer
 
 Frame = TypeVar("Frame", LinearImage, Layer)
 Thing = Layer | LinearImage | Codes8
+
+_GRAY_FRAMES = 4  # of a clip, at least, of which none has colors if it has none
 
 _decode_pictures = partial(decode_frames, coding_errors=coding_errors)
 
@@ -54,6 +56,13 @@ _CLIP_WRITERS: dict[str, Callable[[Path, Iterable[Thing], float], None]] = {
     ".gif": save_animation,
     ".webp": save_animation,
 }
+
+
+def _is_gray(clip: Clip, numbers: range) -> bool:
+    """Whether some of the frames have no colors, so that it does not matter where chroma lies."""
+    some = numbers[:: max(len(numbers) // _GRAY_FRAMES, 1)]
+    frames = (frame for n in some for frame in decode_frames(clip, range(n, n + 1)))
+    return all(are_gray(frame, frame) for frame in frames)
 
 
 @dataclass(frozen=True)
@@ -134,7 +143,10 @@ class Frames(Sequence[Frame]):
             )
         if self.clip is None or not self.numbers:
             return self
-        clip = sited_by(self.clip, plate, self.numbers[0])
+        clip = self.clip
+        if clip.siting == "" and _is_gray(clip, self.numbers):
+            clip = replace(clip, siting=None)
+        clip = sited_by(clip, plate, self.numbers[0])
         return replace(self, clip=clip, load=partial(_decode_pictures, clip))
 
     @property

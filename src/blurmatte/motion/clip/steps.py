@@ -179,6 +179,11 @@ class ClipMeasured:
         several = self.clip.several and self.color.rank == 3
         return self.color if several else seen_color(self.color, self.rows)
 
+    @property
+    def is_gray(self) -> bool:
+        """Whether the frames are gray: the object's color has no hue."""
+        return self.scene is not None and self.scene.plate.meta.one_channel
+
     def read_out(self, readout: Direction) -> ClipMeasured:
         """The same by a camera whose next row lies in this direction."""
         seen = [(row, row.sighting) for row in self.rows]
