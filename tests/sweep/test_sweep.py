@@ -239,3 +239,19 @@ def test_a_change_to_another_sweep_is_that_of_path_and_radius(other):
         assert_allclose(change[:-1], np.tile([0.5, -0.25], 2), atol=1e-9)
         assert_allclose(change[-1], 0.75, rtol=1e-6)
     assert_allclose(sweep.change_to(sweep), 0, atol=1e-12)
+
+
+class Needle(Silhouette):
+    """Without any width."""
+
+    def outline(self, shape, count=64):
+        x = np.interp(np.arange(count), [0, count / 2, count], [-shape[0], shape[0], -shape[0]])
+        return np.stack([x, np.zeros(count)], axis=1)
+
+
+def test_the_rim_at_the_tips_of_a_needle_has_the_error_of_its_sides():
+    """exact: where the outline goes back as it came"""
+    needle = replace(swept(FLAT[LINE]), silhouette=Needle())
+    std = needle.outline_std(0.5)
+    assert_allclose(std, std[3])
+    assert std[3] > 0

@@ -211,9 +211,12 @@ class Sweep:
         count as one of the size of its last order.
         """
         points = self.outline_at(t)
-        along = np.roll(points[:-1], -1, axis=0) - np.roll(points[:-1], 1, axis=0)
+        following = np.roll(points[:-1], -1, axis=0)
+        along = following - np.roll(points[:-1], 1, axis=0)
+        at_tip = ~along.any(axis=1)  # of a thin part, which the outline leaves as it came
+        along[at_tip] = (following - points[:-1])[at_tip]
         normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
         std, J = np.sqrt(np.diag(self.covariance)), np.zeros((128, len(self.covariance)))
         values, n = np.concatenate([self.path, self.shape]), len(self.path)
         for k in np.flatnonzero(std > 0):
