@@ -396,8 +396,9 @@ def _in_pixels(one: Alternative, size: FittingSize) -> Alternative:
 def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list[Shapeless]:
     """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier.
 
-    Where mixtures lie beyond the line, or disprove the sweep that it is from, the line through the
-    farthest mixture takes its place. possible: for each sweep.
+    The likeliest colors are those of the sweep with the most evidence, whose alpha need not be the
+    nearest to the truth. Where mixtures lie beyond the line, or disprove the sweep that it is from, the
+    line through the farthest mixture takes its place. possible: for each sweep.
     """
     assert case.hypotheses is not None
     evidence = case.hypotheses.evidence
@@ -405,8 +406,8 @@ def _without_shape(case: Case, mixtures: Mixtures, possible: list[bool]) -> list
         return [_shapeless(case, evidence)]
     rivals = list(compress(evidence, possible))
     models: dict[int, ColorModel] = {}
-    for sweep, permitted in zip(case.hypotheses.sweeps, possible, strict=True):
-        model = sweep.model
+    for i in np.argsort(hypothesis_scores(list(evidence)), kind="stable"):
+        model, permitted = case.hypotheses.sweeps[i].model, possible[i]
         if model.rank < 3 and model.rank not in models:
             if model.rank == 1 and not (permitted and mixtures.reach(model.pole)):
                 model = mixtures.farthest(model.to_srgb) or model
