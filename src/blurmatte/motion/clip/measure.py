@@ -58,7 +58,7 @@ from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
 _MIN_KNOWN_FRACTION = 0.5  # of a streak's pixels, whose alpha the moments are of
-_CONTRADICTING = float(chi_square_quantile(0.999, 2))  # squared distance of two places
+_AGREEMENT = 0.999  # probability of a smaller distance of two measured places of one object
 _FRAMES = 3  # measured with each curve; their shifts differ by a tenth
 
 
@@ -315,7 +315,9 @@ def _motion_of_source(
     of_sweep = motion_of_sweep(sweep, None)
     off = light.center - of_sweep.center
     variance = light.covariance[:2, :2] + of_sweep.covariance[:2, :2]
-    return light if off @ np.linalg.solve(variance, off) > _CONTRADICTING else None
+    return (
+        light if off @ np.linalg.solve(variance, off) > chi_square_quantile(_AGREEMENT, 2) else None
+    )
 
 
 def _motion_of_pixels(
