@@ -245,9 +245,6 @@ def test_color_is_that_of_the_disc(paint):
 
 
 @pytest.mark.battery
-@pytest.mark.xfail(
-    strict=True, reason="a free silhouette is the likeliest: RMSE .0055, claimed .028"
-)
 def test_an_adjacent_object_is_flagged():
     """Exact up to noise: ball and sheet are one streak; a disc explains the ball alone."""
     wall = plain_plate((160, 112), (0.34, 0.33, 0.3), 4)

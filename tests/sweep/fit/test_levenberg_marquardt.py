@@ -44,11 +44,8 @@ def turned_by(color, degrees):
 @pytest.mark.parametrize("color", [ONE_PAINT, NEUTRAL], ids=["one paint", "any colors"])
 @pytest.mark.parametrize("family", SMOOTH, ids=lambda family: family.name)
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
-def test_exact_light_gives_the_exact_path(request, family, scenes, color):
+def test_exact_light_gives_the_exact_path(family, scenes, color):
     """exact"""
-    if (family, color) == (CUBIC, NEUTRAL) and scenes is FLAT:
-        reason = "this start ends in a local minimum; those with the true radius or nearer do not"
-        request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
     observation = exact(scenes[family], color)
     start = disc_at(observation, family, (1.5, -1), 1.15 * RADIUS)
     end = minimize(start, BOUNDS)
