@@ -209,8 +209,9 @@ def test_added_error_is_largest_at_rims_of_all_hypotheses(monkeypatch):
     assert not after.alpha_std[far].any()
 
 
-@pytest.mark.parametrize("position_std", [0.5, 1.5])
-@pytest.mark.parametrize("beyond", [0, 3])
+@pytest.mark.parametrize(
+    ("position_std", "beyond"), [(0.5, 0), (1.5, 0), (3.0, 0), (0.5, 3), (1.5, 3)]
+)
 def test_errors_outside_a_rim_are_honest(monkeypatch, position_std, beyond):
     """honest: discs whose rim has a Student-t distribution, where the estimate has no alpha, and
     only farther out than `beyond` standard deviations of the rim."""
