@@ -807,8 +807,7 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
         observation = in_shadow(observation, state, candidate.cast)
     motion = state.family.motion(state.path, observation.scale)
     evidence = evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters, motion)
-    prior = observation.prior
-    if prior is None:
-        return evidence
-    added = prior.cost(state.family, state.path, state.shape)
+    added = state.silhouette.price(state.shape)
+    if observation.prior is not None:
+        added += observation.prior.cost(state.family, state.path, state.shape)
     return replace(evidence, cost=evidence.cost + added)

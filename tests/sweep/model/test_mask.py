@@ -121,6 +121,19 @@ def test_center_of_a_part_is_its_centroid():
     assert_allclose(mask.center(np.array([4.0])), [2, 0])
 
 
+def test_price_is_that_of_one_of_all_rims_of_its_length():
+    """exact: of squares, at any size of the cells; a hole has a rim, too."""
+    for side in (1, 4):
+        square = Mask(((1.0,) * side,) * side, 0.3)
+        length = 4 * side - 2 + np.sqrt(2)  # a cell at the corner has one step, along a diagonal
+        assert square.price(np.array([7.0])) == pytest.approx(np.log(3) * length)
+    full = np.ones((5, 5))
+    hollow = full.copy()
+    hollow[2, 2] = 0
+    solid, holed = (Mask(tuple(map(tuple, one.tolist())), 0.3) for one in (full, hollow))
+    assert holed.price(RADIUS) > solid.price(RADIUS) + np.log(3)
+
+
 def test_distances_are_those_from_both_rims():
     lattice, x0, y0, h, polygon = washer().rim(RADIUS)
     rows, columns = lattice.shape[:2]

@@ -29,7 +29,7 @@ from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT, bic_penalty
 from blurmatte.sweep.model.color_field import fit_field
-from blurmatte.sweep.model.mask import Mask
+from blurmatte.sweep.model.mask import Mask, rim_price
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import FROM_REST, LINE, PathFamily
 from blurmatte.sweep.model.silhouette import moments
@@ -243,19 +243,23 @@ class _Problem:
         return float((o.weight * loss(chi2, o.channels)).sum()) + self.field_cost
 
     @cached_property
+    def rim(self) -> float:
+        """Its length, cells."""
+        right, down = _steps(self.mask)
+        return float((np.sqrt(right**2 + down**2 + _SMOOTHED_STEP**2) - _SMOOTHED_STEP).sum())
+
+    @cached_property
     def cost(self) -> float:
         """The evidence, and the prices of the cells."""
-        right, down = _steps(self.mask)
-        rim = np.sqrt(right**2 + down**2 + _SMOOTHED_STEP**2) - _SMOOTHED_STEP
-        gray = self.mask * (1 - self.mask)
-        prices = _RIM_PRICE * rim.sum() + self.gray_price * gray.sum()
-        return self.evidence + self.observation.scale * float(prices)
+        gray = float((self.mask * (1 - self.mask)).sum())
+        prices = _RIM_PRICE * self.rim + self.gray_price * gray
+        return self.evidence + self.observation.scale * prices
 
     @property
     def price(self) -> float:
-        """The evidence, and half a log of the number of pixels for each parameter."""
+        """The evidence, that of one of all rims, and half a log of pixels for each parameter."""
         count = len(self.path) + 1 + round(_System.of(self).freedom)
-        return self.evidence + bic_penalty(self.observation, count)
+        return self.evidence + rim_price(self.rim) + bic_penalty(self.observation, count)
 
     def state(self, radius: float) -> State:
         """Its state, with errors; the radius is only a unit."""

@@ -52,7 +52,7 @@ def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     likeliest = min(admissible, key=lambda state: state.cost)
     inflation = likeliest.variance_inflation
     scores = [
-        (state.cost - likeliest.cost) / inflation
+        (state.cost + state.silhouette.price(state.shape) - likeliest.cost) / inflation
         + bic_penalty(
             state.observation, state.parameters + (state.family.kink(state.path) is not None)
         )

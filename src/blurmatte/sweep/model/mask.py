@@ -1,5 +1,6 @@
 """Mask: a rigid silhouette of any form, as the parts of square cells that it covers."""
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Annotated
@@ -14,6 +15,7 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.shape import FlatShape, SweptAlpha
 from blurmatte.sweep.model.silhouette import moments
 
+_WAYS = 3  # in which a rim goes on from one cell to the next: it does not return
 _STEPS_PER_CELL = 4  # along the rays that find the outer rim
 _NODES_PER_CELL = 8  # of the lattice of distances from the rims
 
@@ -89,6 +91,11 @@ class Mask(FlatShape):
         kernel.sweep(self.covered, width, at, D / pixels.scale, weights, alpha, J)
         J[..., -1] *= self.width / pixels.scale
         return SweptAlpha(alpha, J)
+
+    def price(self, shape: Array) -> float:
+        """Of the rim; its length is the sum of the steps between cells."""
+        down, right = (np.diff(np.pad(self.covered, 1), axis=k) for k in (0, 1))
+        return rim_price(float(np.hypot(down[:, :-1], right[:-1]).sum()))
 
     def outline(self, shape: Array, count: int) -> Array:
         """Points (count, 2) where rays from the centroid leave the silhouette for the last time."""
@@ -168,3 +175,8 @@ class Mask(FlatShape):
         y, x = np.indices(self.covered.shape)
         sums = np.array([(self.covered * i).sum() for i in (x, y)])
         return np.asarray(sums / self.covered.sum())
+
+
+def rim_price(length: float) -> float:
+    """Negative log prior of a rim of a length in cells, nats: one of 3ⁿ."""
+    return math.log(_WAYS) * length

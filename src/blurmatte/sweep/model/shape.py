@@ -97,6 +97,10 @@ class Shape(ABC):
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
         """The nearest shape that is possible, with a radius within bounds, pixels."""
 
+    def price(self, shape: Array) -> float:
+        """Negative log prior of what it holds apart from its parameters, nats."""
+        return 0.0
+
     def extreme(self, shape: Array) -> bool:
         """True if a search should go no further in this direction."""
         return False
