@@ -114,6 +114,18 @@ def test_smaller_misfit_of_the_likeliest_makes_probabilities_less_even():
     assert sure[0] > unsure[0] > 0.5
 
 
+def test_evidence_counts_in_full_where_no_misfit_is_seen():
+    """exact: what remains of the light is noise, so that kinds and unseen pixels do not count."""
+    kinds = OddsTerms(outline=1.0), OddsTerms(shapeless=1.0)
+    pair = [
+        Evidence(cost, 1.01, 5, 4000, unseen, kind)
+        for cost, unseen, kind in zip((100.0, 103.0), (70.0, 50.0), kinds, strict=True)
+    ]
+    assert_allclose(hypothesis_probabilities(pair), hypothesis_weights(pair), rtol=1e-12)
+    rough = [replace(one, inflation=1.5) for one in pair]
+    assert abs(hypothesis_probabilities(rough)[0] - hypothesis_weights(rough)[0]) > 0.1
+
+
 def test_unseen_pixels_do_not_count_if_a_loss_is_unknown():
     """exact"""
     one, other = Evidence(100.0, 2.0, 5, 1000, 50.0), Evidence(100.0, 2.0, 5, 1000, None)

@@ -13,7 +13,9 @@ fitted parameter costs half a log of the number of pixels.
 These weights say which hypothesis explains the observation best. No hypothesis is complete: shading,
 bounced light and the file leave misfits that say nothing about alpha, and that many pixels share. So
 evidence counts by a power η, as in the posteriors of wrong models [Grünwald & van Ommen 2017]. The
-power is not known; if it has a gamma distribution, odds fall with the difference s of two scores as
+power is 1 where the likeliest hypothesis leaves no misfit, for then only noise makes it differ from the
+truth. Else it is not known; if it has a gamma distribution, odds fall with the difference s of two
+scores as
 
     ∫ exp(−η s) p(η) dη = (1 + s / s₀)^−c.
 
@@ -45,7 +47,7 @@ from blurmatte.sweep.sweep import Sweep
 OPTIMISM = 0.3
 
 _ODDS_SCALE = 30.0  # s₀, nats, where the variance inflation is 2
-_MIN_MISFIT = 0.02  # of the variance inflation above 1, which a fit to noise has as well
+_MIN_MISFIT = 0.02  # of the variance inflation above 1: a fit to noise alone leaves as much
 _BLOCK_PX = 8  # width of a block of unseen pixels: the node of a color is at most half of it away
 # Blocks of four kinds alternate in rows and columns. Colors that are fitted to three kinds predict the
 # fourth.
@@ -164,7 +166,12 @@ def hypothesis_weights(evidence: list[Evidence]) -> Array:
 
 
 def hypothesis_probabilities(evidence: list[Evidence]) -> Array:
-    """(n,) probabilities that the alpha of a hypothesis is the nearest to the truth; they sum to 1."""
+    """(n,) probabilities that the alpha of a hypothesis is the nearest to the truth; they sum to 1.
+
+    They are the weights if the likeliest hypothesis leaves no misfit.
+    """
+    if _misfit(evidence) <= _MIN_MISFIT:
+        return hypothesis_weights(evidence)
     against = fitted_calibration().log_odds_against
     log_odds = -np.array([against(terms) for terms in odds_terms(evidence)])
     weights = np.exp(log_odds - log_odds.max())
@@ -178,13 +185,18 @@ def odds_terms(evidence: list[Evidence]) -> list[OddsTerms]:
     unseen = np.zeros(len(losses))
     if len(known) == len(losses):
         unseen = np.array(known) - min(known)
-    misfit = evidence[int(np.argmin(scores))].inflation - 1
-    scale = _ODDS_SCALE * max(misfit, _MIN_MISFIT)
+    scale = _ODDS_SCALE * max(_misfit(evidence), _MIN_MISFIT)
     logs = np.log1p(np.stack([scores, unseen], axis=1) / scale).tolist()
     return [
         replace(one.kind, seen=seen, unseen=unseen)
         for one, (seen, unseen) in zip(evidence, logs, strict=True)
     ]
+
+
+def _misfit(evidence: list[Evidence]) -> float:
+    """Variance inflation above 1 of the likeliest."""
+    scores = hypothesis_scores(evidence)
+    return evidence[int(np.argmin(scores))].inflation - 1
 
 
 def hypothesis_scores(evidence: list[Evidence]) -> Array:
