@@ -93,7 +93,7 @@ _MAX_REMAINING_FRACTION = 0.9
 _MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
 # Score, in that light, of the likeliest fitted again: other shapes seldom gain as much
 _MAX_SCORE_IN_LIGHT = 50.0
-_MIN_REFINED_WEIGHT = 1e-3  # weight of a hypothesis that is refined
+_MIN_REFINED_WEIGHT = 1e-2  # probability of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
 _MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
@@ -484,7 +484,7 @@ class _Candidates:
         Probabilities of sweeps that are nearly the same add up in this expectation.
         """
         search, image = self.fits.search, self.fits.image
-        weights = hypothesis_weights(self.evidence)
+        weights = hypothesis_probabilities(self.evidence)
         compared = [
             _refined(candidate, known, image, search)
             if weight > _MIN_REFINED_WEIGHT
