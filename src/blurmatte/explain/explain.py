@@ -120,13 +120,13 @@ def explain(thing: object) -> list[str]:
     --------
     >>> for sentence in bm.explain(motion):
     ...     print(sentence)
-    Measured from the shape on a path that explains the streak: a disc on an arc at constant
-    speed.
-    Mean position of its center: x 58.95 ± 0.12, y 37.024 ± 0.039 px.
-    Size: radius 9.993 ± 0.029 px (of a disc of its area, 313.7 ± 1.8 px), 19.986 ± 0.057 px
-    wide across its path.
-    It went 59.63 ± 0.26 px in the direction 13.59 ± 0.10° from right towards up (right), or
-    the opposite one: one picture does not determine which.
+    Measured from the shape on a path that explains the streak: a disc on a straight line at
+    constant speed.
+    Mean position of its center: x 58.953 ± 0.093, y 37.016 ± 0.031 px.
+    Size: radius 10.014 ± 0.021 px (of a disc of its area, 315.1 ± 1.4 px), 20.029 ± 0.043 px wide
+    across its path.
+    It went 59.60 ± 0.21 px in the direction 13.573 ± 0.080° from right towards up (right), or the
+    opposite one: one picture does not determine which.
     """
     for kind, words in _WORDS.items():
         if isinstance(thing, kind):

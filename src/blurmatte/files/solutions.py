@@ -102,7 +102,7 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     Examples
     --------
     >>> print(bm.read_solution("layer.exr"))
-    Solution(128x72, alpha up to 0.34, typical std 0.0016, 0.0% of the streak's pixels flagged)
+    Solution(128x72, alpha up to 0.34, typical std 0.0011, 0.0% of the streak's pixels flagged)
     """
     raster = load(Path(path), max_pixels, CHANNELS[4:])
     try:

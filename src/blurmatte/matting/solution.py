@@ -56,7 +56,7 @@ class Solution(Displayed):
     Examples
     --------
     >>> print(solution)
-    Solution(128x72, alpha up to 0.34, typical std 0.0016, 0.0% of the streak's pixels flagged)
+    Solution(128x72, alpha up to 0.34, typical std 0.0011, 0.0% of the streak's pixels flagged)
     >>> solution.grade
     <Grade.CONFIRMED: 'confirmed'>
     >>> total = solution.alpha[solution.streak & solution.known].sum()

@@ -113,7 +113,7 @@ def solve(
     --------
     >>> solution = bm.solve(image, plate)
     >>> print(bm.explain(solution)[0])
-    confirmed: alpha within 0.0029, its sum within 0.6 %.
+    confirmed: alpha within 0.0022, its sum within 0.6 %.
     """
     _check(image, plate, model, solver, streak, out, start)
     request = _Request(model, _shown_in(plate, solver or Averaged()), streak, start, prior, out)

@@ -309,7 +309,7 @@ class SolutionStats:
     >>> print(f"alpha within {numbers.alpha_error:.3f}")
     alpha within 0.004
     >>> numbers.grade_reasons
-    ('shape',)
+    ('shape', 'disagreement')
     """
 
     pixels: _Count | None = None

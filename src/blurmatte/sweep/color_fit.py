@@ -60,7 +60,7 @@ def fit_color(
     Examples
     --------
     >>> print(bm.fit_color(image, plate, streak))
-    ColorModel(#ffc046, rank 1, ±0.033°)
+    ColorModel(#ffc046, rank 1, ±0.036°)
     """
     if not isinstance(image, LinearImage):
         if streak is not None:

@@ -174,7 +174,7 @@ def fit_sweep(
     --------
     >>> sweep = bm.sweep.fit_sweep(image, plate, streak)
     >>> print(sweep)
-    Sweep(disc on an arc, 59.6 px long, radius 9.99 ± 0.01 px, #ffc046, rank 1)
+    Sweep(disc on a line, 59.6 px long, radius 10.01 ± 0.01 px, #ffc046, rank 1)
     """
     check_streak("streak", streak)
     check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')

@@ -111,9 +111,9 @@ class Sweep:
     Examples
     --------
     >>> print(sweep)
-    Sweep(disc on an arc, 59.6 px long, radius 9.99 ± 0.03 px, #ffc046, rank 1)
+    Sweep(disc on a line, 59.6 px long, radius 10.01 ± 0.02 px, #ffc046, rank 1)
     >>> sweep.trajectory.at(0.5).round(1)
-    array([58.9, 37. ])
+    array([59., 37.])
     >>> print(f"{sweep.radius:.2f} ± {sweep.radius_std:.2f} pixels")
     9.99 ± 0.02 pixels
     >>> sweep.alpha.shape

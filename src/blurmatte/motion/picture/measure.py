@@ -85,8 +85,8 @@ def measure_motion(solution: Solution) -> Motion:
     --------
     >>> motion = bm.measure_motion(solution)
     >>> print(motion)
-    Motion(around (58.95, 37.02), 59.63 ± 0.26 px at -13.59 ± 0.1°, radius 9.99 ± 0.029 px,
-    from its sweep)
+    Motion(around (58.95, 37.02), 59.60 ± 0.21 px at -13.57 ± 0.08°, radius 10.01 ± 0.021 px, from
+    its sweep)
     >>> print(f"{motion.length:.1f} ± {motion.length_std:.1f} pixels; true: {path.length:.1f}")
     59.6 ± 0.2 pixels; true: 59.7
     """

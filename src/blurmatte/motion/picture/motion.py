@@ -71,7 +71,7 @@ class Scale:
     >>> print(f"{1000 * scale.meters_per_pixel:.2f} mm a pixel")
     2.00 mm a pixel
     >>> print(motion.speed(scale, exposure_time=1 / 60).in_unit("km/h"))
-    Speed(25.78 ± 0.14 km/h)
+    Speed(25.71 ± 0.099 km/h)
     """
 
     meters_per_pixel: float
@@ -158,10 +158,10 @@ class Speed:
     --------
     >>> speed = motion.speed(exposure_time=1 / 60)
     >>> print(speed)
-    Speed(3579 ± 17 px/s)
+    Speed(3576 ± 13 px/s)
     >>> scale = bm.Scale.from_radius(motion, 0.02)
     >>> print(motion.speed(scale, exposure_time=1 / 60).in_unit("km/h"))
-    Speed(25.78 ± 0.14 km/h)
+    Speed(25.71 ± 0.099 km/h)
     """
 
     mean: float
@@ -264,7 +264,7 @@ class Motion(Displayed):
     Examples
     --------
     >>> motion.center.round(1)
-    array([58.9, 37. ])
+    array([59., 37.])
     >>> print(f"{motion.radius:.2f} ± {motion.radius_std:.2f} pixels")
     9.99 ± 0.02 pixels
     >>> print(f"{np.degrees(motion.angle):.1f}° ± {np.degrees(motion.angle_std):.1f}°")

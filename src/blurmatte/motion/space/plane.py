@@ -274,7 +274,7 @@ def measure_on_plane(
     >>> lens = bm.Intrinsics.from_focal_length(28, image.size, sensor_width=36)
     >>> wall_behind = bm.motion.Plane.from_pose(lens, np.eye(3), (0, 0, 2.0))
     >>> bm.motion.measure_on_plane(sweep, wall_behind)
-    PlaneMotion(1.198 ± 0.0051 m)
+    PlaneMotion(1.197 ± 0.0042 m)
     """
     check_kind("plane", plane, Plane, "use blurmatte.motion.Plane.from_points(pixels, meters)")
     check_exposure(exposure_time, exposure_std)
