@@ -5,8 +5,10 @@ import pytest
 from PIL import Image
 from PIL.TiffImagePlugin import IFDRational
 
+import blurmatte as bm
 from blurmatte.files.exif import (
     Tag,
+    TiffTag,
     longs,
     numbers,
     parse_tags,
@@ -64,6 +66,26 @@ def test_values_of_every_type():
         assert own[0xC001] == (0.1, -2.5)
         assert own[0xC002] == (-1, 2, -3)
     assert numbers(tags[0x011A]) == [299_500, 1000]
+
+
+@pytest.mark.parametrize("extension", ["jpg", "png", "webp"])
+@pytest.mark.parametrize(
+    "time",
+    [
+        shorts(1, 250),
+        longs(1, 250),
+        rational(0.004),
+        Tag(11, 1, np.array([0.004], ">f4").tobytes()),
+        Tag(12, 1, np.array([0.004], ">f8").tobytes()),
+    ],
+    ids=["shorts", "longs", "rational", "float", "double"],
+)
+def test_exposure_time_of_any_type_is_read(tmp_path, time, extension):
+    """Oracle: 1/250 s, in the type that EXIF wants and in those of other programs."""
+    exif = b"Exif\0\0" + tags_block({TiffTag.EXIF: {TiffTag.EXPOSURE_TIME: time}})
+    file = tmp_path / f"a.{extension}"
+    Image.fromarray(np.full((16, 16, 3), 100, np.uint8)).save(file, exif=exif)
+    assert bm.read(file, transfer=bm.SRGB).meta.exposure_time == pytest.approx(0.004)
 
 
 def test_block_without_thumbnail_is_unchanged():

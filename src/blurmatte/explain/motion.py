@@ -25,7 +25,7 @@ _TOWARDS: dict[Direction, tuple[str, str]] = {
     "right": ("to the right", "to the left"),
 }
 _MAX_NAMED = 4  # frames in a sentence
-_NO_TIME = "The speed is not known without the exposure time."
+_NO_TIME = "The speed is not known without the exposure time: give it, like --exposure 1/250."
 _EITHER_END = (
     "The picture does not determine which end came first: the reverse motion looks the same."
 )

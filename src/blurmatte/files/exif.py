@@ -52,6 +52,7 @@ EXIF_MARK = b"Exif\0\0"  # before the block in a JPEG; some programs write it in
 
 # Bytes of a number of each type; types 5 and 10 are fractions of two numbers.
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12: 8, 13: 4, 16: 8}
+_FLOATS = (11, 12)  # types of 4 and of 8 bytes
 _DIRECTORIES = (TiffTag.EXIF, TiffTag.GPS, TiffTag.INTEROPERABILITY)
 
 
@@ -101,7 +102,12 @@ def parse_tags(block: bytes | mmap.mmap, page: int = 0) -> Tags:
 
 
 def fractions(tag: Union[Tag, "Tags"]) -> list[float]:
-    """The quotients of a tag of fractions; none if a divisor is 0."""
+    """The quotients of pairs of integers of any type, or the floats of a tag; none if a divisor is 0.
+
+    EXIF wants type 5, but some programs write pairs of shorter integers, or floats.
+    """
+    if isinstance(tag, Tag) and tag.form in _FLOATS:
+        return [float(n) for n in np.frombuffer(tag.data, f">f{_BYTES[tag.form]}")]
     values = numbers(tag)
     pairs = list(zip(values[::2], values[1::2], strict=False))
     return [] if any(divisor == 0 for _, divisor in pairs) else [n / d for n, d in pairs]

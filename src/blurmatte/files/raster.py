@@ -159,7 +159,7 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
     except UnicodeDecodeError as error:
         raise damaged(path, form, ["a name is not text"]) from error
     if form is not EXR:
-        tags |= _colors_of_exif(_exif_block(path, form, png), page)
+        tags |= _colors_and_time_of_exif(_exif_block(path, form, png), page)
     pixels, inside = _full_picture(pixels, spec)
     pixels, inside = _upright((pixels, inside), tags)
     return Raster(path, form, pixels, kept, inside, tags, png, page)
@@ -171,7 +171,7 @@ def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
     tags: dict[str, Any] = {"oiio:UnassociatedAlpha": 1}
     tags |= {"ICCProfile": photo.profile} if photo.profile else {}
     tags |= {CICP: photo.cicp} if photo.cicp else {}
-    tags |= _colors_of_exif(photo.exif, 0) | _numbers_of_exif(photo.exif)
+    tags |= _colors_and_time_of_exif(photo.exif, 0) | _numbers_of_exif(photo.exif)
     (pixels,) = _upright((photo.pixels,), tags)
     inside = np.ones(pixels.shape[:2], bool)
     return Raster(
@@ -181,7 +181,7 @@ def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
 
 
 def _numbers_of_exif(block: bytes) -> dict[str, Any]:
-    """Orientation, exposure time and color space, by OpenImageIO's names, where EXIF states them."""
+    """Orientation and color space, by OpenImageIO's names, where EXIF states them."""
     try:
         tags = parse_tags(block)
     except ValueError:
@@ -190,7 +190,6 @@ def _numbers_of_exif(block: bytes) -> dict[str, Any]:
     inner = {} if isinstance(inner, Tag) else inner
     found: dict[str, Sequence[float]] = {
         "Orientation": numbers(tags.get(TiffTag.ORIENTATION, {})),
-        "ExposureTime": fractions(inner.get(TiffTag.EXPOSURE_TIME, {})),
         "Exif:ColorSpace": numbers(inner.get(TiffTag.COLOR_SPACE, {})),
     }
     return {name: values[0] for name, values in found.items() if values}
@@ -305,8 +304,11 @@ def _exif_block(path: Path, form: Format, png: PngHeader | None) -> bytes | mmap
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def _colors_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
-    """DCF's name of the color space, such as b"R03", and chromaticities, where EXIF states them."""
+def _colors_and_time_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
+    """DCF's name of the color space (such as b"R03"), chromaticities and exposure time, if stated.
+
+    OpenImageIO gives the time only where it has the type that EXIF wants.
+    """
     try:
         tags = parse_tags(block, page)
     except ValueError:  # some cameras and programs write invalid EXIF
@@ -323,7 +325,9 @@ def _colors_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
     )
     if len(white) == 2 and len(colors) == 6:
         found[PRIMARIES] = (*colors, *white)
-    return found
+    inner = tags.get(TiffTag.EXIF, {})
+    time = [] if isinstance(inner, Tag) else fractions(inner.get(TiffTag.EXPOSURE_TIME, {}))
+    return found | ({"ExposureTime": time[0]} if time else {})
 
 
 def _silent(form: Format) -> AbstractContextManager[None]:
