@@ -354,6 +354,17 @@ def test_colors_factors_and_interval(solution):
     assert said[:2] == [f"{line[0].upper()}{line[1:]}." for line in (also, interval)]
 
 
+@pytest.mark.parametrize(
+    ("factor", "says"), [(0.004, "light that hides nothing"), (0.01, "x 0.01")]
+)
+def test_an_alternative_without_alpha_is_said_to_hide_nothing(solution, factor, says):
+    """exact: no color of a surface, and no factor of 0"""
+    also, _ = alternatives_in_words(graded(solution, OWN, {**LIKELY, "alpha_factor": factor}))
+    assert says in also
+    assert "x 0.00" not in also
+    assert (LIKELY["hex"] in also) == (factor == 0.01)
+
+
 def test_interval_of_a_large_error_ends_at_zero(solution):
     """exact"""
     (interval,) = alternatives_in_words(graded(solution, OWN, scale=1.5))

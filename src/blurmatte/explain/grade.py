@@ -265,6 +265,8 @@ def factor_interval(solution: Solution) -> list[str]:
 
 
 def _with_alpha(one: Alternative, gray: bool) -> str:
+    if one.hides_nothing:
+        return f"light that hides nothing, of alpha 0 ({one.name})"
     return f"{'' if gray else f'{one.hex} with '}alpha x {one.alpha_factor:.2f} ({one.name})"
 
 

@@ -182,7 +182,8 @@ def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative, gr
         y += height + 6
     weight = f"weight {one.weight:.2f}" if one.weight >= 0.01 else "weight < 0.01"
     name = () if gray else (one.hex,)
-    for line in (*name, f"alpha x {one.alpha_factor:.2f}", weight):
+    factor = "hides nothing" if one.hides_nothing else f"alpha x {one.alpha_factor:.2f}"
+    for line in (*name, factor, weight):
         color = Palette.bright if one.matters else Palette.dim
         y += sheet.text(x, y, width, line, Page.body_size, color)
     return y

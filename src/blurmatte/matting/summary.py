@@ -184,6 +184,11 @@ class Alternative:
         return self.weight >= MIN_WEIGHT
 
     @property
+    def hides_nothing(self) -> bool:
+        """Whether its alpha is 0 in two decimals: the picture is the plate and light added to it."""
+        return round(self.alpha_factor, 2) == 0
+
+    @property
     def disagrees(self) -> bool:
         """Whether its alpha differs from the result's by more than a confirmed error."""
         error, scale = GRADE_LIMITS[Grade.CONFIRMED]
