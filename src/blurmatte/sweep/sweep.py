@@ -1,10 +1,11 @@
 """Sweep: path, silhouette and color of a streak, found together."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
-from blurmatte.checks import Array, enclosing
+from blurmatte.checks import Array, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import relative_difference
@@ -359,8 +360,16 @@ class Sweep:
 
     def rms_difference(self, other: "Sweep") -> float:
         """Root mean square difference of the alphas of two sweeps, of the larger alpha's."""
-        box = enclosing([self.box, other.box])
-        return relative_difference(self.alpha_within(box), other.alpha_within(box))
+        x0, y0, x1, y1 = box = enclosing([self.box, other.box])
+        both = np.zeros((2, y1 - y0, x1 - x0))
+        for alpha, sweep in zip(both, (self, other), strict=True):
+            alpha[rows_columns(sweep.box, box)] = sweep._alpha_in_box
+        return relative_difference(*both)
+
+    @cached_property
+    def _alpha_in_box(self) -> Array:
+        """(h, w): sweeps are compared with many others."""
+        return self.alpha_within(self.box)
 
     def before_file(
         self, image: LinearImage, plate: LinearImage, box: tuple[int, int, int, int]
