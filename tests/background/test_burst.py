@@ -5,10 +5,10 @@ import pytest
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
 from tests.scenes import rendered
 
-from blurmatte.background import Matching, PlateGuess, burst_plate
+from blurmatte.background import Matching, PlateGuess, burst_plate, fit_match
 from blurmatte.matting import solve
 from blurmatte.motion.picture.measure import measure_motion
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import SRGB, LinearImage, decode
 from blurmatte.rendering import Ball, Scene
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.trajectory import Trajectory
@@ -153,3 +153,19 @@ def test_shot_of_another_size_is_refused(shots):
     small = LinearImage(shots[0].rgb[:100])
     with pytest.raises(ValueError, match="size"):
         burst_plate(shots[1], [shots[0], small])
+
+
+def test_match_does_not_follow_the_object_before_a_wall():
+    # oracle: a displacement of the object looks like one of the camera, and then nothing moved
+    x, y = np.meshgrid(np.arange(480), np.arange(320))
+    shade = 0.35 + 0.2 * np.exp(-((x - 350) ** 2 + (y - 40) ** 2) / 6e4)
+    wall, shots = shade[..., None] * [1, 0.95, 0.85], []
+    for k in range(3):
+        start = np.array([144 + 24.0 * k, 174 - 6.0 * k])
+        path = Trajectory.line(start, start + np.array([50, -12]))
+        light = rendered(Scene(wall, path, Ball(13, np.array([0.85, 0.16, 0.05])))).image.rgb
+        codes = np.rint(255 * SRGB.encode(np.clip(noisy(light, k).rgb, 0, 1)))
+        shots.append(decode(codes.astype(np.uint8), SRGB))
+    _, matches = burst_plate(shots[1], [shots[0], shots[2]])
+    assert not any(match.moves for match in matches)
+    assert not fit_match(shots[1], shots[0]).moves

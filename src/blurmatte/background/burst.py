@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from blurmatte.background.fit_match import Matching, fit_match
+from blurmatte.background.fit_match import Matching, fit_match, match_at_rest
 from blurmatte.background.guess import (
     MARGIN_FACTOR,
     RIM_PX,
@@ -36,7 +36,8 @@ def burst_plate(
 ) -> tuple[LinearImage, list[Match]]:
     """The scene behind the object in an image, from other shots, each with the object elsewhere.
 
-    Each shot is matched to the image alone. The plate of a pixel is the light that most of all
+    Each shot is matched to the image alone; if the camera was at rest in one, it was in all whose
+    structure does not contradict. The plate of a pixel is the light that most of all
     shots agree on, the image included; it is the mean of those shots that show it, without the image.
     Where streaks overlap, most shots may agree on the object: there the plate is compared with a guess
     from the surroundings (`guess_plate`), which replaces what contradicts it. A guess that is too rough
@@ -69,6 +70,11 @@ def burst_plate(
     if len(plates) < 2:
         raise ValueError(f"plates must be two or more, got {len(plates)}; use match_plate for one")
     matches = [fit_match(image, plate, matching) for plate in plates]
+    if matching is None and not all(match.moves for match in matches):
+        pairs = zip(matches, plates, strict=True)
+        matches = [
+            match_at_rest(image, plate) or match if match.moves else match for match, plate in pairs
+        ]
     pairs = zip(matches, plates, strict=True)
     shots = [_shown(match, plate) for match, plate in pairs]
     plate, differ = plate_of_shots(image, shots)

@@ -39,6 +39,7 @@ from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.radiometry.image import VARIANCE_FLOOR, part_of
 from blurmatte.statistics import robust_std
+from blurmatte.streaks import find_streaks
 
 
 class Matching(Enum):
@@ -122,7 +123,8 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     """Fit the homography and the light that map a plate to an image.
 
     Geometry is fitted to fine structure, then light to the pictures, both robustly: a moving object may
-    cover up to about a third of the picture.
+    cover up to about a third of the picture. If only the object asks for a displacement, as
+    in two shots that both show it before a wall, the camera was at rest.
 
     Parameters
     ----------
@@ -173,8 +175,27 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
             best, bands = still, others
     match = replace(_match_of(geometry, best, image.size), bands=bands)
     _check_same_scene(match, best, light, plate)
-    if matching is None and _is_negligible(match, plate):
+    if matching is not None:
+        return match
+    if _is_negligible(match, plate):
         return Match.nothing(image.size)
+    # Shots that show the object before a wall agree everywhere once it is displaced upon itself.
+    if match.moves and not find_streaks(image, match.apply(plate)):
+        return match_at_rest(image, plate) or match
+    return match
+
+
+def match_at_rest(image: LinearImage, plate: LinearImage) -> Match | None:
+    """The match of a camera at rest; None if more than what moved then asks for a displacement."""
+    try:
+        match = fit_match(image, plate, Matching.EXPOSURE)
+    except PlateError:  # the pictures differ everywhere
+        return None
+    moved = [streak.mask for streak in find_streaks(image, match.apply(plate))]
+    rest = np.logical_and.reduce([plate.valid, *(~mask for mask in moved)])
+    sharp, *coarse = levels(image, replace(plate, valid=rest), structure=True)
+    if len(sharp.xy) < _MIN_POINTS or _select_geometry(sharp, coarse, 0, 2).model[0] > 0:
+        return None
     return match
 
 

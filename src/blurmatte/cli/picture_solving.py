@@ -28,33 +28,18 @@ class PictureOptions:
     def with_plate(
         self, image: bm.LinearImage
     ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match]:
-        """An image, its plate at that moment, and the match; the image has the noise of a guess.
-
-        Before a wall without structure the displacement of the object looks like that of the camera,
-        and nothing moves then: in that case the camera was at rest.
-        """
+        """An image, its plate at that moment, and the match; the image has the noise of a guess."""
         if not self.plates:
             region = self.selection.inside(image.size)
             assert region is not None
             guess = bm.background.guess_plate(image, region.mask)
             image = image if image.noise is not None else image.with_noise(guess.image_noise)
             return image, guess, bm.background.Match.nothing(image.size)
-        plate, matches = self._matched(image, self.matching)
-        pairs = zip(matches, self.plates, strict=True)
-        if self.matching is None and any(
-            match.moves and not bm.find_streaks(image, match.apply(one)) for match, one in pairs
-        ):
-            plate, matches = self._matched(image, bm.background.Matching.EXPOSURE)
-        return image, plate, max(matches, key=lambda match: match.reach)
-
-    def _matched(
-        self, image: bm.LinearImage, matching: bm.background.Matching | None
-    ) -> tuple[bm.LinearImage, list[bm.background.Match]]:
-        """The plate as the image sees it, and the match of each of the plates."""
         if len(self.plates) > 1:
-            return bm.background.burst_plate(image, self.plates, matching)
-        match = bm.background.fit_match(image, self.plates[0], matching)
-        return match.apply(self.plates[0]), [match]
+            plate, matches = bm.background.burst_plate(image, self.plates, self.matching)
+            return image, plate, max(matches, key=lambda match: match.reach)
+        match = bm.background.fit_match(image, self.plates[0], self.matching)
+        return image, match.apply(self.plates[0]), match
 
 
 def solved_picture_at(
