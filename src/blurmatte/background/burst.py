@@ -26,7 +26,8 @@ from blurmatte.statistics import QUANTILE_999_3
 # Fraction of the pixels on which shots differ where no two agree: noise alone yields one in 900
 _MIN_HOLES = 0.01
 # Error of a guess over the noise of a shot, and over what the object changes: of a rougher one, pixels
-# are better not known
+# are better not known. An error e of the plate B makes one of (1 - alpha) e / (k - B) in alpha; over a
+# streak 1 - alpha is about one half, so that the answer remains within the .05 of a plausible one.
 _MAX_GUESS_ERROR = 2.0
 _MAX_ERROR_OF_CHANGE = 0.1
 
