@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
+from blurmatte.background import PlateGuess
 from blurmatte.color.model import ColorModel
 from blurmatte.explain import explain
 from blurmatte.explain.solution import usable_all_the_same
@@ -87,6 +88,16 @@ def test_layer_that_does_not_give_back_the_image_is_not_called_usable(case):
     image, plate, solution = case
     half = replace(solution, premultiplied=0.5 * solution.premultiplied)
     assert usable_all_the_same(image, plate, half) == []
+
+
+def test_rough_guess_of_the_plate_does_not_excuse_that_the_image_is_not_given_back(case):
+    image, plate, solution = case
+    rough = NoiseModel(read_std=0.1)
+    solution = replace(solution, stats=replace(solution.stats, plate_noise=rough))
+    solution = replace(solution, premultiplied=0.5 * solution.premultiplied)
+    guess = PlateGuess(plate.rgb, hidden=solution.streak, image_noise=NOISE)
+    assert usable_all_the_same(image, plate, solution)
+    assert usable_all_the_same(image, guess, solution) == []
 
 
 @pytest.mark.parametrize("change", [{"grade": bm.Grade.PLAUSIBLE}, {"may_be_shadow": True}])

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from blurmatte.background import PlateGuess
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.grade import (
     alpha_peak,
@@ -149,7 +150,10 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
 
 
 def _gives_back(image: LinearImage, plate: LinearImage, solution: Solution) -> bool:
-    """Whether layer over plate differs from the image by little more than noise."""
+    """Whether layer over plate differs from the image by little more than noise.
+
+    The error of a guess is none: it is what the picture would not be given back by.
+    """
     inside = solution.streak & image.valid & plate.valid
     if not inside.any():
         return False
@@ -157,6 +161,7 @@ def _gives_back(image: LinearImage, plate: LinearImage, solution: Solution) -> b
     C, B = image.rgb[inside], plate.rgb[inside]
     given = layer.premultiplied[inside] + (1 - layer.alpha[inside])[:, None] * B
     square = float(np.mean((given - C) ** 2, dtype=float))
-    pairs = (solution.stats.image_noise, C), (solution.stats.plate_noise, B)
+    of_plate = None if isinstance(plate, PlateGuess) else solution.stats.plate_noise
+    pairs = (solution.stats.image_noise, C), (of_plate, B)
     noise = sum(float(own.variance(light).mean()) for own, light in pairs if own is not None)
     return square <= _MAX_RESIDUAL_STD**2 * noise
