@@ -184,16 +184,16 @@ class WeightedHypotheses:
         return float(np.sqrt(self.of_likeliest_shapes @ np.square(relative)))
 
     @property
-    def curve_error(self) -> tuple[Array, float]:
-        """Standard deviations of alpha and of its sum by an assumed curve, not in calibrations."""
-        pairs = [one.sweep.curve_error(self.box) for one in self.shapes]
+    def assumed_error(self) -> tuple[Array, float]:
+        """Standard deviations of alpha and of its sum by what was assumed, not in calibrations."""
+        pairs = [one.sweep.assumed_error(self.box) for one in self.shapes]
         weights = self.of_likeliest_shapes * float(self.weights[: len(pairs)].sum())
         alpha, total = (np.array(values) for values in zip(*pairs, strict=True))
         return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
 
     def with_open_errors(self, average: AlphaEstimate) -> AlphaEstimate:
         """A calibrated average with the errors of curve and opacity; none beyond that of a fraction."""
-        by_curve, sum_by_curve = self.curve_error
+        by_curve, sum_by_curve = self.assumed_error
         return with_bounded_errors(
             replace(
                 average,

@@ -351,7 +351,7 @@ def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps |
         covariance = answer.error_factor**2 * sweep.covariance
         if answer.between is not None:
             covariance = larger_covariance(covariance, answer.between)
-        sweep = with_perspective_error(replace(sweep, covariance=covariance)).with_curve_error
+        sweep = with_perspective_error(replace(sweep, covariance=covariance)).with_assumed_error
         if stats.sweep is not None:
             stats = replace(stats, sweep=SweepSummary.of(sweep))
     model = replace(model, covariance=answer.error_factor**2 * model.covariance)

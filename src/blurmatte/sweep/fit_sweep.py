@@ -182,7 +182,7 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = likeliest_streak(image, plate, require_streaks(image, plate), model)
-    return fit_hypotheses(image, plate, streak, model, start).best.with_curve_error
+    return fit_hypotheses(image, plate, streak, model, start).best.with_assumed_error
 
 
 def likeliest_streak(
@@ -755,7 +755,10 @@ def _with_curve_errors(
                 decoded = [in_shadow(one, state, cast) for one in decoded]
             by_curve = curve_covariance(state, decoded, search.bounds)
             n = len(sweep.covariance)  # without a blur of the rim that is the file's
-            sweep = replace(sweep, curve_covariance=by_curve[:n, :n])
+            by_curve = by_curve[:n, :n]
+            if sweep.assumed_covariance is not None:
+                by_curve = by_curve + sweep.assumed_covariance
+            sweep = replace(sweep, assumed_covariance=by_curve)
         found.append(sweep)
     return tuple(found)
 

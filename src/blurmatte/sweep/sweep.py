@@ -105,9 +105,9 @@ class Sweep:
     opacity_std : float
         Standard deviation of the opacity of the silhouette: the part of the light behind it that it
         hides.
-    curve_covariance : (n + m, n + m) float, optional
-        Of the same parameters by a transfer curve that was assumed; None if it is stated, or is part
-        of `covariance`.
+    assumed_covariance : (n + m, n + m) float, optional
+        Of the same parameters by what was assumed: a transfer curve that is not stated, and in gray
+        pictures the blur of the rim. None if nothing was, or if it is part of `covariance`.
 
     Examples
     --------
@@ -131,7 +131,7 @@ class Sweep:
     diagnostics: Diagnostics = field(default_factory=Diagnostics)
     cast: CastShadow | None = None
     opacity_std: float = 0.0
-    curve_covariance: Array | None = None
+    assumed_covariance: Array | None = None
 
     def __repr__(self) -> str:
         article = "an" if self.family.name[0] in "aeiou" else "a"
@@ -286,7 +286,7 @@ class Sweep:
             (width, height) of the picture of pixels.
         """
         of_path, of_shape = self.family.units(by), self.silhouette.units(by)
-        by_curve = self.curve_covariance
+        by_curve = self.assumed_covariance
         units, cast, known = np.concatenate([of_path, of_shape]), self.cast, self.diagnostics
         if cast is not None:
             cast = replace(cast, offset=by * cast.offset, softness=by * cast.softness)
@@ -295,7 +295,7 @@ class Sweep:
             path=self.family.shifted(of_path * self.path, np.array(origin)),
             shape=of_shape * self.shape,
             covariance=self.covariance * np.outer(units, units),
-            curve_covariance=None if by_curve is None else by_curve * np.outer(units, units),
+            assumed_covariance=None if by_curve is None else by_curve * np.outer(units, units),
             size=size,
             cast=cast,
             diagnostics=replace(known, chroma_blur=by * known.chroma_blur),
@@ -333,18 +333,18 @@ class Sweep:
         return np.concatenate([of_path, of_shape])
 
     @property
-    def with_curve_error(self) -> "Sweep":
-        """The sweep with the error of an assumed transfer curve in its covariance."""
-        if self.curve_covariance is None:
+    def with_assumed_error(self) -> "Sweep":
+        """The sweep with the error of what was assumed in its covariance."""
+        if self.assumed_covariance is None:
             return self
-        whole = self.covariance + self.curve_covariance
-        return replace(self, covariance=whole, curve_covariance=None)
+        whole = self.covariance + self.assumed_covariance
+        return replace(self, covariance=whole, assumed_covariance=None)
 
-    def curve_error(self, box: tuple[int, int, int, int]) -> tuple[Array, float]:
-        """Standard deviation (h, w) of alpha in a box, and of its sum, by an assumed transfer curve."""
-        if self.curve_covariance is None:
+    def assumed_error(self, box: tuple[int, int, int, int]) -> tuple[Array, float]:
+        """Standard deviation (h, w) of alpha in a box, and of its sum, by what was assumed."""
+        if self.assumed_covariance is None:
             return np.zeros((box[3] - box[1], box[2] - box[0])), 0.0
-        J, by_curve = self._swept(box, self.shape).by_parameters, self.curve_covariance
+        J, by_curve = self._swept(box, self.shape).by_parameters, self.assumed_covariance
         total = J.sum(axis=(0, 1))
         variance = np.einsum("hwi,hwi->hw", J @ by_curve, J)
         return np.sqrt(np.maximum(variance, 0)), float(np.sqrt(max(total @ by_curve @ total, 0)))

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from tests.scenes import rendered
 from tests.sweep.scenes import BOUNDS, NEUTRAL
 
@@ -18,7 +19,7 @@ from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.fit.pattern import _functions, _PatternFit, _swept, fit_patterns
-from blurmatte.sweep.fit_sweep import fit_disc
+from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pattern_kernel import swept
@@ -214,3 +215,20 @@ def test_a_band_of_another_paint_does_not_move_the_rim():
     motion = motion_of_sweep(fit_disc(image, plate, require_streaks(image, plate)[0]), None)
     off = np.array([*motion.center, motion.radius]) - [*middle, radius]
     assert np.abs(off).max() < 0.1
+
+
+def test_a_band_before_a_wall_is_not_taken_for_a_blurred_rim():
+    # honest: paint with sharp edges looks like a blurred rim of a smaller disc, and gloss like one
+    rng, path, wall = np.random.default_rng(20), Trajectory.line((60, 50), (130, 65)), 0.4
+    banded = Ball(13, np.full(3, 0.8), second_color=np.full(3, 0.05), band=0.3)
+    glossy = Ball(13, (0.85, 0.16, 0.05), highlight=0.6)
+    for ball, blur in ((banded, 0), (glossy, 0.8)):
+        plate, pictures = np.full((110, 190, 3), wall), []
+        for exact in (rendered(Scene(plate, path, ball)).image.rgb, plate):
+            seen = scipy.ndimage.gaussian_filter(exact @ [0.2126, 0.7152, 0.0722], blur)
+            codes = 255 * SRGB.encode(np.clip(seen + rng.normal(0, NOISE, seen.shape), 0, 1))
+            codes = np.rint(codes).astype(np.uint8)
+            pictures.append(decode(np.repeat(codes[..., None], 3, axis=2), SRGB))
+        image, plate = with_noise(*pictures)
+        disc = fit_sweep(image, plate, require_streaks(image, plate)[0])
+        assert abs(disc.radius - 13) < min(3 * disc.radius_std, 1.0)

@@ -47,7 +47,7 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     covariance = candidate.covariance
     if covariance is None:
         covariance = inflation * state.inverse_curvature()
-    silhouette = candidate.silhouette
+    silhouette, by_rim = candidate.silhouette, candidate.rim_covariance
     if candidate.chroma_blur > 0 and image.meta.sharing is None:
         silhouette = silhouette.sharp  # the file blurred the rim, not the lens
     n = len(state.path) + silhouette.size
@@ -67,6 +67,7 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     sweep = Sweep(
         state.family, state.path, silhouette, shape, model, covariance, image.size,
         cast=candidate.cast, opacity_std=opacity_std,
+        assumed_covariance=None if by_rim is None else by_rim[:n, :n],
     )  # fmt: skip
     angle = model.angle_std if model.rank < 3 else 0.0
     diagnostics = diagnosed(candidate, sweep.radius, sweep.radius_std, angle)

@@ -12,6 +12,10 @@ a sphere: the light of a matte sphere is nearly a polynomial of order two of its
 [Ramamoorthi & Hanrahan 2001]. The coefficient of an order k has the prior standard deviation s qᵏ⁻¹,
 of z as of order 1, of z u and z v as of order 2; the mean is free. s and q are estimated by expectation
 maximization, and the coefficients are integrated out. Along each axis of color the pattern is another.
+
+Without hues a pattern that fades or brightens towards the rim looks like a blurred rim, and a blurred
+rim of another radius like paint with sharp edges, which polynomials round. So there the blur remains
+that of the disc without a pattern, and the error contains how far the disc changes down to a sharp rim.
 """
 
 from dataclasses import dataclass, replace
@@ -68,14 +72,21 @@ def fit_patterns(state: State, bounds: tuple[float, float]) -> list[Candidate]:
     """Discs with patterns, fitted from a disc without and from a larger one, the likeliest last.
 
     Their states have the residuals and the cost that the patterns leave. A side as bright as the plate
-    is invisible, so that a disc without a pattern is rather too small.
+    is invisible, so that a disc without a pattern is rather too small. In gray pictures their errors
+    contain the difference of the likeliest from one with a sharp rim.
     """
     fits: list[_PatternFit] = []
     for larger in _STARTS:
         parameters = np.concatenate([state.path, state.shape])
         parameters[len(state.path)] *= larger
         fits += _of_rising_order(state, bounds, parameters, fits)
-    return sorted(map(_candidate, fits), key=lambda one: -one.state.cost)
+    found = sorted(map(_candidate, fits), key=lambda one: -one.state.cost)
+    best = min(fits, key=lambda one: one.cost)
+    if not best.is_blur_known:
+        return found
+    apart = best.parameters - best.with_sharp_rim.parameters
+    by_rim = np.outer(apart, apart) / 3  # the blur is anywhere between: a uniform distribution
+    return [replace(one, rim_covariance=by_rim) for one in found]
 
 
 def _of_rising_order(
@@ -90,12 +101,11 @@ def _of_rising_order(
         start = _PatternFit.of(state, bounds, parameters, order)
         if len(fits) > 1 and start.cost >= fits[-1].cost:
             break
-        of, moved = _PatternFit.information, _PatternFit.moved
-        fit, converged = descended(start, of, moved, _MAX_STEPS, ROUGH_TOLERANCE)
+        fit = start.fitted
         met = [k for k, one in enumerate(known) if fit.is_near(one)]
         if met:
             return fits + known[met[0] :]
-        fits.append(replace(fit, converged=converged))
+        fits.append(fit)
         parameters = fit.parameters
     return fits
 
@@ -201,11 +211,37 @@ class _PatternFit:
         """Negative log marginal likelihood."""
         return sum(one.loss + one.prior_cost for one in self.patterns)
 
+    @property
+    def is_blur_known(self) -> bool:
+        """Whether the rim is blurred, and no hue shows how much."""
+        return self.state.silhouette.has("blur") and len(self.patterns) == 1
+
+    @property
+    def _count(self) -> int:
+        """Of the free parameters; the blur is the last."""
+        return len(self.parameters) - self.is_blur_known
+
+    @property
+    def fitted(self) -> "_PatternFit":
+        """The likeliest fit of this order near this one."""
+        of, moved = _PatternFit.information, _PatternFit.moved
+        fit, converged = descended(self, of, moved, _MAX_STEPS, ROUGH_TOLERANCE)
+        return replace(fit, converged=converged)
+
+    @property
+    def with_sharp_rim(self) -> "_PatternFit":
+        """The likeliest fit of this order with the least blur."""
+        known, n = self.state.silhouette, len(self.state.path)
+        sharp = known.possible(np.append(self.parameters[n:-1], 0.0), self.bounds)
+        parameters = np.concatenate([self.parameters[:n], sharp])
+        return _PatternFit.of(self.state, self.bounds, parameters, self.order).fitted
+
     def moved(self, step: Array) -> "_PatternFit":
         """The fit after a step, shortened to where the model is about linear."""
         state, n = self.state, len(self.state.path)
         most = _MAX_MOVE * state.radius
-        parameters = self.parameters + step / max(np.abs(step).max() / most, 1)
+        parameters = self.parameters.copy()
+        parameters[: self._count] += step / max(np.abs(step).max() / most, 1)
         parameters[n:] = state.silhouette.possible(parameters[n:], self.bounds)
         S = _swept(state, self.use, self.order, parameters)
         seen = state.observation.weight[self.use]
@@ -222,15 +258,19 @@ class _PatternFit:
         return self.order == other.order and bool(near)
 
     def information(self) -> tuple[Array, Array]:
-        """Curvature (p, p) and gradient (p,) of the cost; the patterns are integrated out."""
-        count = len(self.parameters)
+        """Curvature (p, p) and gradient (p,) of the cost by what is free.
+
+        The patterns are integrated out.
+        """
+        count = self._count
         H, g = np.zeros((count, count)), np.zeros(count)
         for k, pattern in enumerate(self.patterns):
             root = np.sqrt(pattern.weights)
             C, B, _, _ = self.light[:, k]
             light = (1 - self.swept[:, 0]) * B + self.swept @ pattern.coefficients
             e = root * (C - light)
-            J, S = root[:, None] * self._by_parameters(k), root[:, None] * self.swept
+            J = root[:, None] * self._by_parameters(k)[:, :count]
+            S = root[:, None] * self.swept
             cross, prior = S.T @ J, np.diag(pattern.prior_std**-2)
             explained = np.linalg.solve(S.T @ S + prior, cross)
             of_prior = S.T @ e - pattern.coefficients / pattern.prior_std**2
@@ -248,7 +288,9 @@ class _PatternFit:
         blocks = (mean_of_blocks(e, self.use, size, channels) for size in CORRELATED_PX)
         inflation = max(1.0, *blocks) * VARIANCE
         H, _ = self.information()
-        return np.asarray(inflation * np.linalg.pinv(H, hermitian=True), float)
+        covariance, count = np.zeros(2 * self.parameters.shape), self._count
+        covariance[:count, :count] = inflation * np.linalg.pinv(H, hermitian=True)
+        return covariance
 
     def in_picture(self, e: Array) -> Array:
         """Residuals (3, h, w) with those that the pattern leaves."""

@@ -135,6 +135,8 @@ class Candidate:
     # (p, p) float: of path and shape with a pattern that moves along, whose residuals and cost the
     # state has; None without
     covariance: Array | None = None
+    # (p, p) float: of these by a blur of the rim that is not known; None if it is
+    rim_covariance: Array | None = None
 
     @property
     def silhouette(self) -> FlatShape:
