@@ -123,8 +123,8 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     """Fit the homography and the light that map a plate to an image.
 
     Geometry is fitted to fine structure, then light to the pictures, both robustly: a moving object may
-    cover up to about a third of the picture. If only the object asks for a displacement, as
-    in two shots that both show it before a wall, the camera was at rest.
+    cover up to about a third of the picture. If only the object asks for a displacement, as in two
+    shots that both show it before a wall, the camera was at rest.
 
     Parameters
     ----------
@@ -175,8 +175,11 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
             best, bands = still, others
     match = replace(_match_of(geometry, best, image.size), bands=bands)
     _check_same_scene(match, best, light, plate)
-    if matching is not None:
-        return match
+    return _of_camera(match, image, plate) if matching is None else match
+
+
+def _of_camera(match: Match, image: LinearImage, plate: LinearImage) -> Match:
+    """A match without what is negligible, or asked for by the object alone."""
     if _is_negligible(match, plate):
         return Match.nothing(image.size)
     # Shots that show the object before a wall agree everywhere once it is displaced upon itself.
