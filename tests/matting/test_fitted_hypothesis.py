@@ -58,7 +58,8 @@ def test_the_color_errs_as_alpha_does(wall):
     """invariant: by the factor of alpha's calibration, and toward the plate as the sum of alpha."""
     _, _, plate, solution = wall
     stats, color, fitted = solution.stats, solution.model, solution.sweep.model
-    behind = np.tensordot(np.clip(solution.alpha, 0, 1), plate.rgb, 2) / solution.alpha.sum()
+    alpha = solution.layer.alpha
+    behind = np.tensordot(alpha, plate.rgb, 2) / alpha.sum()
     across = behind - (behind @ color.pole) * color.pole
     by_sum = stats.sum_alpha_std / stats.sum_alpha * across / np.linalg.norm(color.mean)
     toward = across / np.linalg.norm(across)
