@@ -27,7 +27,7 @@ from blurmatte.matting.case import Answer, Case
 from blurmatte.matting.hypotheses import Averaged, WeightedHypotheses, adds_light
 from blurmatte.matting.maps import PixelMaps
 from blurmatte.sweep.assess.calibration import OddsTerms
-from blurmatte.sweep.assess.model_selection import odds_terms
+from blurmatte.sweep.assess.model_selection import leaves_only_noise, odds_terms
 
 _GROUPS = 4  # of equally many pictures, ordered by the weight of the likeliest
 _ALIKE = 1.1  # ratio of the errors of two hypotheses of which neither is nearer to the truth
@@ -42,7 +42,7 @@ class Weighed:
     ----------
     renderer, camera : str
     terms : (n,) list of OddsTerms
-        Of the possible hypotheses.
+        Of the possible hypotheses; empty where only noise remains, for no odds are used there.
     weights : (n,) float
     errors : (n,) float
         Root mean square errors of their alpha.
@@ -94,6 +94,7 @@ def write_odds(root: Path, processes: int) -> Path:
 def fit_odds(pictures: Sequence[Weighed]) -> dict[str, float]:
     """Coefficients of the `OddsTerms` for which the nearest hypotheses are the most probable."""
     names = [one.name for one in fields(OddsTerms)]
+    pictures = [one for one in pictures if one.terms]
     terms = [np.array([astuple(one) for one in picture.terms]) for picture in pictures]
     nearest = [one.errors <= _ALIKE * one.errors.min() for one in pictures]
 
@@ -165,7 +166,7 @@ def _weighed(picture: Picture) -> Weighed | None:
     return Weighed(
         facts.renderer,
         picture.camera,
-        odds_terms(evidence),
+        [] if leaves_only_noise(evidence) else odds_terms(evidence),
         found.weights[which],
         np.array(errors)[which],
     )

@@ -24,6 +24,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
     in_observation,
+    leaves_only_noise,
     odds_terms,
     unseen_loss,
 )
@@ -121,8 +122,10 @@ def test_evidence_counts_in_full_where_no_misfit_is_seen():
         Evidence(cost, 1.01, 5, 4000, unseen, kind)
         for cost, unseen, kind in zip((100.0, 103.0), (70.0, 50.0), kinds, strict=True)
     ]
+    assert leaves_only_noise(pair)
     assert_allclose(hypothesis_probabilities(pair), hypothesis_weights(pair), rtol=1e-12)
     rough = [replace(one, inflation=1.5) for one in pair]
+    assert not leaves_only_noise(rough)
     assert abs(hypothesis_probabilities(rough)[0] - hypothesis_weights(rough)[0]) > 0.1
 
 

@@ -170,7 +170,7 @@ def hypothesis_probabilities(evidence: list[Evidence]) -> Array:
 
     They are the weights if the likeliest hypothesis leaves no misfit.
     """
-    if _misfit(evidence) <= _MIN_MISFIT:
+    if leaves_only_noise(evidence):
         return hypothesis_weights(evidence)
     against = fitted_calibration().log_odds_against
     log_odds = -np.array([against(terms) for terms in odds_terms(evidence)])
@@ -179,18 +179,23 @@ def hypothesis_probabilities(evidence: list[Evidence]) -> Array:
 
 
 def odds_terms(evidence: list[Evidence]) -> list[OddsTerms]:
-    """What counts against each hypothesis."""
+    """What counts against each hypothesis, of which the likeliest leaves a misfit."""
     scores, losses = hypothesis_scores(evidence), [one.unseen for one in evidence]
     known = [loss for loss in losses if loss is not None]
     unseen = np.zeros(len(losses))
     if len(known) == len(losses):
         unseen = np.array(known) - min(known)
-    scale = _ODDS_SCALE * max(_misfit(evidence), _MIN_MISFIT)
+    scale = _ODDS_SCALE * _misfit(evidence)
     logs = np.log1p(np.stack([scores, unseen], axis=1) / scale).tolist()
     return [
         replace(one.kind, seen=seen, unseen=unseen)
         for one, (seen, unseen) in zip(evidence, logs, strict=True)
     ]
+
+
+def leaves_only_noise(evidence: list[Evidence]) -> bool:
+    """Whether the likeliest hypothesis leaves no misfit: then no calibrated odds are needed."""
+    return _misfit(evidence) <= _MIN_MISFIT
 
 
 def _misfit(evidence: list[Evidence]) -> float:
