@@ -156,7 +156,7 @@ def test_shot_of_another_size_is_refused(shots):
 
 
 def test_match_does_not_follow_the_object_before_a_wall():
-    # oracle: a displacement of the object looks like one of the camera, and then nothing moved
+    """oracle: a displacement of the object looks like one of the camera, and then nothing moved"""
     x, y = np.meshgrid(np.arange(480), np.arange(320))
     shade = 0.35 + 0.2 * np.exp(-((x - 350) ** 2 + (y - 40) ** 2) / 6e4)
     wall, shots = shade[..., None] * [1, 0.95, 0.85], []

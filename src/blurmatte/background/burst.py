@@ -26,8 +26,9 @@ from blurmatte.statistics import QUANTILE_999_3
 # Fraction of the pixels on which shots differ where no two agree: noise alone yields one in 900
 _MIN_HOLES = 0.01
 # Error of a guess over the noise of a shot, and over what the object changes: of a rougher one, pixels
-# are better not known. An error e of the plate B makes one of (1 - alpha) e / (k - B) in alpha; over a
-# streak 1 - alpha is about one half, so that the answer remains within the .05 of a plausible one.
+# are better not known. With the light k of the object, an error e of the plate's light B makes one of
+# (1 - alpha) e / (k - B) in alpha; over a streak 1 - alpha is about one half, so that the error of alpha
+# remains within the .05 of a plausible answer.
 _MAX_GUESS_ERROR = 2.0
 _MAX_ERROR_OF_CHANGE = 0.1
 
@@ -37,9 +38,10 @@ def burst_plate(
 ) -> tuple[LinearImage, list[Match]]:
     """The scene behind the object in an image, from other shots, each with the object elsewhere.
 
-    Each shot is matched to the image alone; if the camera was at rest in one, it was in all whose
-    structure does not contradict. The plate of a pixel is the light that most of all
-    shots agree on, the image included; it is the mean of those shots that show it, without the image.
+    Each shot is matched to the image alone. If one shows that the camera was at rest, the same is
+    supposed of the others, unless structure outside of the object is displaced in them. The plate of
+    a pixel is the light that most of all shots agree on, the image included; it is the mean of those
+    shots that show it, without the image.
     Where streaks overlap, most shots may agree on the object: there the plate is compared with a guess
     from the surroundings (`guess_plate`), which replaces what contradicts it. A guess that is too rough
     to be contradicted by the object's light replaces all there.

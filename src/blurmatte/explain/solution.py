@@ -152,7 +152,7 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
 def _gives_back(image: LinearImage, plate: LinearImage, solution: Solution) -> bool:
     """Whether layer over plate differs from the image by little more than noise.
 
-    The error of a guess is none: it is what the picture would not be given back by.
+    The error of a guessed plate does not count as noise.
     """
     inside = solution.streak & image.valid & plate.valid
     if not inside.any():

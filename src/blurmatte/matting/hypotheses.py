@@ -192,13 +192,13 @@ class WeightedHypotheses:
         return np.sqrt(np.tensordot(weights, alpha**2, 1)), float(np.sqrt(weights @ total**2))
 
     def with_open_errors(self, average: AlphaEstimate) -> AlphaEstimate:
-        """A calibrated average with the errors of curve and opacity; none beyond that of a fraction."""
-        by_curve, sum_by_curve = self.assumed_error
+        """A calibrated average with errors that it does not know; none beyond that of a fraction."""
+        assumed, sum_assumed = self.assumed_error
         return with_bounded_errors(
             replace(
                 average,
-                alpha_std=np.hypot(average.alpha_std, by_curve),
-                sum_std=float(np.hypot(average.sum_std, sum_by_curve)),
+                alpha_std=np.hypot(average.alpha_std, assumed),
+                sum_std=float(np.hypot(average.sum_std, sum_assumed)),
                 scale_std=float(np.hypot(average.scale_std, self.opacity_error)),
             )
         )

@@ -116,7 +116,7 @@ class Sweep:
     >>> sweep.trajectory.at(0.5).round(1)
     array([59., 37.])
     >>> print(f"{sweep.radius:.2f} ± {sweep.radius_std:.2f} pixels")
-    9.99 ± 0.02 pixels
+    10.01 ± 0.02 pixels
     >>> sweep.alpha.shape
     (72, 128)
     """
@@ -286,7 +286,7 @@ class Sweep:
             (width, height) of the picture of pixels.
         """
         of_path, of_shape = self.family.units(by), self.silhouette.units(by)
-        by_curve = self.assumed_covariance
+        assumed = self.assumed_covariance
         units, cast, known = np.concatenate([of_path, of_shape]), self.cast, self.diagnostics
         if cast is not None:
             cast = replace(cast, offset=by * cast.offset, softness=by * cast.softness)
@@ -295,7 +295,7 @@ class Sweep:
             path=self.family.shifted(of_path * self.path, np.array(origin)),
             shape=of_shape * self.shape,
             covariance=self.covariance * np.outer(units, units),
-            assumed_covariance=None if by_curve is None else by_curve * np.outer(units, units),
+            assumed_covariance=None if assumed is None else assumed * np.outer(units, units),
             size=size,
             cast=cast,
             diagnostics=replace(known, chroma_blur=by * known.chroma_blur),
@@ -344,10 +344,10 @@ class Sweep:
         """Standard deviation (h, w) of alpha in a box, and of its sum, by what was assumed."""
         if self.assumed_covariance is None:
             return np.zeros((box[3] - box[1], box[2] - box[0])), 0.0
-        J, by_curve = self._swept(box, self.shape).by_parameters, self.assumed_covariance
+        J, covariance = self._swept(box, self.shape).by_parameters, self.assumed_covariance
         total = J.sum(axis=(0, 1))
-        variance = np.einsum("hwi,hwi->hw", J @ by_curve, J)
-        return np.sqrt(np.maximum(variance, 0)), float(np.sqrt(max(total @ by_curve @ total, 0)))
+        variance = np.einsum("hwi,hwi->hw", J @ covariance, J)
+        return np.sqrt(np.maximum(variance, 0)), float(np.sqrt(max(total @ covariance @ total, 0)))
 
     def alpha_within(self, box: tuple[int, int, int, int]) -> Array:
         """Alpha (h, w) in a box (x0, y0, x1, y1) of pixels, as that of `within`."""

@@ -218,7 +218,7 @@ def test_a_band_of_another_paint_does_not_move_the_rim():
 
 
 def test_a_band_before_a_wall_is_not_taken_for_a_blurred_rim():
-    # honest: paint with sharp edges looks like a blurred rim of a smaller disc, and gloss like one
+    """honest: paint with sharp edges looks like a blurred rim of a smaller disc, and gloss too"""
     rng, path, wall = np.random.default_rng(20), Trajectory.line((60, 50), (130, 65)), 0.4
     banded = Ball(13, np.full(3, 0.8), second_color=np.full(3, 0.05), band=0.3)
     glossy = Ball(13, (0.85, 0.16, 0.05), highlight=0.6)

@@ -315,9 +315,8 @@ def _motion_of_source(
     of_sweep = motion_of_sweep(sweep, None)
     off = light.center - of_sweep.center
     variance = light.covariance[:2, :2] + of_sweep.covariance[:2, :2]
-    return (
-        light if off @ np.linalg.solve(variance, off) > chi_square_quantile(_AGREEMENT, 2) else None
-    )
+    apart = off @ np.linalg.solve(variance, off)
+    return light if apart > chi_square_quantile(_AGREEMENT, 2) else None
 
 
 def _motion_of_pixels(

@@ -82,7 +82,7 @@ def fit_patterns(state: State, bounds: tuple[float, float]) -> list[Candidate]:
         fits += _of_rising_order(state, bounds, parameters, fits)
     found = sorted(map(_candidate, fits), key=lambda one: -one.state.cost)
     best = min(fits, key=lambda one: one.cost)
-    if not best.is_blur_known:
+    if not best.holds_blur:
         return found
     apart = best.parameters - best.with_sharp_rim.parameters
     by_rim = np.outer(apart, apart) / 3  # the blur is anywhere between: a uniform distribution
@@ -212,14 +212,14 @@ class _PatternFit:
         return sum(one.loss + one.prior_cost for one in self.patterns)
 
     @property
-    def is_blur_known(self) -> bool:
-        """Whether the rim is blurred, and no hue shows how much."""
+    def holds_blur(self) -> bool:
+        """Whether fits keep the blur of the rim: no hue shows how large it is."""
         return self.state.silhouette.has("blur") and len(self.patterns) == 1
 
     @property
     def _count(self) -> int:
         """Of the free parameters; the blur is the last."""
-        return len(self.parameters) - self.is_blur_known
+        return len(self.parameters) - self.holds_blur
 
     @property
     def fitted(self) -> "_PatternFit":

@@ -15,7 +15,7 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.shape import FlatShape, SweptAlpha
 from blurmatte.sweep.model.silhouette import moments
 
-_WAYS = 3  # in which a rim goes on from one cell to the next: it does not return
+_WAYS = 3  # in which a rim continues from one cell to the next: it does not return
 _STEPS_PER_CELL = 4  # along the rays that find the outer rim
 _NODES_PER_CELL = 8  # of the lattice of distances from the rims
 
