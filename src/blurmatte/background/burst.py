@@ -27,8 +27,8 @@ from blurmatte.statistics import QUANTILE_999_3
 _MIN_HOLES = 0.01
 # Error of a guess over the noise of a shot, and over what the object changes: of a rougher one, pixels
 # are better not known. With the light k of the object, an error e of the plate's light B makes one of
-# (1 - alpha) e / (k - B) in alpha; over a streak 1 - alpha is about one half, so that the error of alpha
-# remains within the .05 of a plausible answer.
+# (1 - alpha) e / (k - B) in alpha; over a streak 1 - alpha is about one half, so that the error of
+# alpha remains within the .05 of a plausible answer.
 _MAX_GUESS_ERROR = 2.0
 _MAX_ERROR_OF_CHANGE = 0.1
 
