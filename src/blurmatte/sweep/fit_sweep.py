@@ -608,10 +608,8 @@ def fit_stretch(
     disc = one_paint[0]
     ellipse = disc.of_kind(replace(as_silhouette(disc.silhouette), order=2))
     ellipse = minimize(ellipse, search.bounds, MAX_STEPS, ROUGH_TOLERANCE)
-    stretch, n = ellipse.silhouette.at("stretch"), len(ellipse.path)
-    at = slice(n + stretch.start, n + stretch.stop)
-    covariance = ellipse.inverse_curvature()[at, at]
-    return ellipse.shape[stretch], ellipse.variance_inflation * VARIANCE * covariance
+    covariance = ellipse.variance_inflation * VARIANCE * ellipse.inverse_curvature_of("stretch")
+    return ellipse.shape[ellipse.silhouette.at("stretch")], covariance
 
 
 def fit_disc(

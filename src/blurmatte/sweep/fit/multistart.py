@@ -180,7 +180,8 @@ class Multistart:
     def _with_blur(self, state: State) -> State:
         """The fit of a disc with a blurred rim that starts there."""
         start = state.of_kind(replace(as_silhouette(state.silhouette), soft=True))
-        blur = max(start.shape[-1], _FIRST_BLUR_PX * state.observation.scale)
+        known = start.silhouette.softness(start.shape)
+        blur = max(known, _FIRST_BLUR_PX * state.observation.scale)
         return minimize(start.with_parameter("blur", blur), self.bounds, MAX_STEPS)
 
     def _from_all_curves(self) -> list[State]:
@@ -288,15 +289,15 @@ def _is_surely_blurred(state: State) -> bool:
 
     The cost is about quadratic in the variance b² of the blur, for it is even in b: a Wald statistic.
     """
-    variance = state.inverse_curvature()[-1, -1]
-    cost = state.shape[-1] ** 2 / (8 * max(float(variance), 1e-12) * state.variance_inflation)
+    blur = state.silhouette.softness(state.shape)
+    variance = state.variance_inflation * max(state.inverse_curvature_of("blur").item(), 1e-12)
+    cost = blur**2 / (8 * variance)
     return not rejection(state) and cost > 2 * bic_penalty(state.observation, 1)
 
 
 def _radius_std(state: State) -> float:
     """Standard deviation of the radius from the curvature of the cost, pixels."""
-    n = len(state.path)
-    return float(np.sqrt(state.inverse_curvature()[n, n]))
+    return float(np.sqrt(state.inverse_curvature_of("radius").item()))
 
 
 def with_principal_axes(state: State) -> State:

@@ -107,6 +107,11 @@ class State:
         """(size, size): the covariance of path and shape if residuals are independent and normal."""
         return np.asarray(np.linalg.pinv(self.information()[0], hermitian=True), float)
 
+    def inverse_curvature_of(self, name: str) -> Array:
+        """(k, k): the same of the parameters of the shape of one name."""
+        at, n = self.silhouette.at(name), len(self.path)
+        return self.inverse_curvature()[n + at.start : n + at.stop, n + at.start : n + at.stop]
+
     def on(self, observation: Observation) -> "State":
         """The same path and shape in another observation."""
         return state_at(observation, self.family, self.path, self.silhouette, self.shape)
