@@ -236,14 +236,15 @@ def fit_hypotheses(
         search = Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
         return search.with_observations(lambda one: replace(one, opacity=opacity))
 
-    def before(plate: LinearImage, streak: Streak) -> Hypotheses:
+    def before(plate: LinearImage, streak: Streak) -> _Candidates:
         """All hypotheses before a plate."""
         return _fit_before(image, plate, streak, search, start, hypotheses, limit)
 
-    found = before(plate, streak)
+    candidates = before(plate, streak)
     # Without hues a dark object looks like a loss of light.
     if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
-        found = _in_likelier_light(found, image, before, limit)
+        candidates = _in_likelier_light(candidates, image, before, limit)
+    found = candidates.refined()
     # Nobody can give the color of a black thing in a gray picture.
     if model is None and not image.meta.one_channel and not _is_solid(found.best):
         check_no_shadow(image, plate, streak)
@@ -251,29 +252,30 @@ def fit_hypotheses(
 
 
 def _in_likelier_light(
-    found: Hypotheses,
+    candidates: "_Candidates",
     image: LinearImage,
-    fit_before: Callable[[LinearImage, Streak], Hypotheses],
+    fit_before: Callable[[LinearImage, Streak], "_Candidates"],
     limit: TimeLimit,
-) -> Hypotheses:
-    """Hypotheses before the plate in the light that the object left on it, if they are likelier.
+) -> "_Candidates":
+    """Candidates before the plate in the light that the object left on it, if they are likelier.
 
     Both are compared with the measured noise: changed light would inflate its estimate. Where other
     frames say where the object is, its own light does not count as light on the plate, and a disc that
     they know is fitted again only in a light in which it is likelier as it is.
     """
+    found = candidates.as_fitted
     known = found.best.diagnostics
     if found.observation.light_alone:
-        return found
+        return candidates
     if is_explained(found.observation, known.variance_inflation, known.residual_excess):
-        return found
+        return candidates
     if limit.is_over:
-        return replace(found, untried=(*found.untried, "other light on the plate"))
+        return replace(candidates, untried=(*candidates.untried, "other light on the plate"))
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
     lit = _lighting_of(image, found.plate, found.streak, outside)
     if lit is None:
-        return found
+        return candidates
     lighting, rest = lit
     before, in_light = found.best_evidence(observation), lighting.lit(observation)
 
@@ -283,14 +285,15 @@ def _in_likelier_light(
 
     if found.observation.is_known_disc:
         if hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
-            return found
+            return candidates
     elif hypothesis_scores(in_both(evidence_again(found.best, in_light)))[1] > _MAX_SCORE_IN_LIGHT:
-        return found
-    other = fit_before(lighting.on(found.plate), rest)
+        return candidates
+    others = fit_before(lighting.on(found.plate), rest)
+    other = others.as_fitted
     if not lighting.is_possible(other.best.alpha):
-        return found
+        return candidates
     weight = hypothesis_weights(in_both(other.best_evidence(in_light)))[1]
-    return other if weight > _MIN_LIGHT_WEIGHT else found
+    return others if weight > _MIN_LIGHT_WEIGHT else candidates
 
 
 def evidence_again(sweep: Sweep, observation: Observation) -> Evidence:
@@ -337,15 +340,15 @@ def _fit_before(
     start: Sweep | None,
     hypotheses: Sequence[Hypothesis],
     limit: TimeLimit,
-) -> Hypotheses:
-    """Hypotheses before one plate; of light alone, if the object hides nothing.
+) -> "_Candidates":
+    """Candidates before one plate; of light alone, if the object hides nothing.
 
     The object is solid unless the likeliest of these shapes is likelier if it lets light through.
     """
     search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     fits = Fits(search, image, plate, streak, tuple(one_paint), tuple(varied))
     if _is_known_solid(search.observation):
-        return _Candidates.of(fits, hypotheses, limit).refined()
+        return _Candidates.of(fits, hypotheses, limit)
     state = best_of([kind[0] for kind in (one_paint, varied) if kind])
     seen_through = _seen_through(state, search.bounds)
     if _is_alone_explaining(seen_through, state):
@@ -356,7 +359,7 @@ def _fit_before(
         thin = _likelier_thin(solid, state, seen_through, opacity)
         if thin is None:
             spread = float(np.hypot(opacity.std, 1 - opacity.value))
-            return solid.with_opacity_std(spread).refined()
+            return solid.with_opacity_std(spread)
         state = thin
     hides = _opacity_of(_seen_through(state, search.bounds))
     if hides.value > 0:
@@ -364,12 +367,12 @@ def _fit_before(
             [_seen_through(one, search.bounds) for one in kind] for kind in (one_paint, varied)
         )
         fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
-        return _Candidates.of(fits, hypotheses, limit, _with_opacity).refined()
+        return _Candidates.of(fits, hypotheses, limit, _with_opacity)
     added = _of_light(search_in, fits, hypotheses, limit, hides.std)
-    if added.best.rejection != NEGATIVE_LIGHT:
+    if added.as_fitted.best.rejection != NEGATIVE_LIGHT:
         return added
     # A source of light takes none: the color is wrong, and says nothing about the opacity.
-    return _Candidates.of(fits, hypotheses, limit).refined()
+    return _Candidates.of(fits, hypotheses, limit)
 
 
 def _likelier_thin(
@@ -401,8 +404,8 @@ def _is_alone_explaining(thin: State, disc: State) -> bool:
 
 def _of_light(
     search_in: Search, fits: Fits, hypotheses: Sequence[Hypothesis], limit: TimeLimit, std: float
-) -> Hypotheses:
-    """Hypotheses about the light that was added by an object of the opacity 0 ± std."""
+) -> "_Candidates":
+    """Candidates for the light that was added by an object of the opacity 0 ± std."""
     streak, plate = fits.streak, fits.plate
     light, dark = _light_alone(fits.image, plate)
     search = search_in(streak, light, dark)
@@ -410,12 +413,7 @@ def _of_light(
     search = replace(search, bounds=(min(_MIN_SOURCE_PX, search.bounds[0]), search.bounds[1]))
     search, one_paint, varied = _discs(search, None)
     fits = Fits(search, light, dark, streak, tuple(one_paint), tuple(varied))
-    found = _Candidates.of(fits, hypotheses, limit).refined()
-    sweeps = tuple(
-        replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
-        for one in found.sweeps
-    )
-    return replace(found, sweeps=sweeps, plate=plate)
+    return replace(_Candidates.of(fits, hypotheses, limit), added_before=(plate, std))
 
 
 def _light_alone(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
@@ -440,6 +438,8 @@ class _Candidates:
     candidates: list[Candidate]
     evidence: list[Evidence]
     untried: tuple[str, ...]
+    # Of the light that an object added: the plate behind it, and the error of its opacity 0
+    added_before: tuple[LinearImage, float] | None = None
 
     @classmethod
     def of(
@@ -468,6 +468,17 @@ class _Candidates:
         """The one of the largest weight."""
         return self.candidates[int(np.argmax(hypothesis_weights(self.evidence)))]
 
+    @property
+    def as_fitted(self) -> Hypotheses:
+        """Their sweeps, not corrected for the file, in the order of `_sorted`."""
+        fits = self.fits
+        compared = [
+            (sweep_of(one, fits.image), known)
+            for one, known in zip(self.candidates, self.evidence, strict=True)
+        ]
+        sweeps, evidences, _ = self._sorted(compared)
+        return Hypotheses(fits.search.observation, sweeps, evidences, fits.plate, fits.streak)
+
     def is_beaten_by(self, state: State) -> bool:
         """Whether another fit is likelier than all of these."""
         other = _evidence(self.fits.search.observation, Candidate(state))
@@ -479,38 +490,51 @@ class _Candidates:
         return replace(self, candidates=candidates)
 
     def refined(self) -> Hypotheses:
-        """Their sweeps, the one first whose alpha is expected to be the nearest to the truth.
-
-        Probabilities of sweeps that are nearly the same add up in this expectation.
-        """
+        """Their sweeps, the probable ones corrected for their file, in the order of `_sorted`."""
         search, image = self.fits.search, self.fits.image
-        weights = hypothesis_probabilities(self.evidence)
+        probable = hypothesis_probabilities(self.evidence) > _MIN_REFINED_WEIGHT
         compared = [
             _refined(candidate, known, image, search)
-            if weight > _MIN_REFINED_WEIGHT
+            if once
             else (sweep_of(candidate, image), known)
-            for candidate, known, weight in zip(
-                self.candidates, self.evidence, weights, strict=True
-            )
+            for candidate, known, once in zip(self.candidates, self.evidence, probable, strict=True)
         ]
+        sweeps, evidences, fitted = self._sorted(compared)
+        if image.meta.transfer_assumed:
+            sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
+        plate, streak = self.fits.plate, self.fits.streak
+        if self.added_before is not None:
+            plate, std = self.added_before
+            sweeps = tuple(
+                replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
+                for one in sweeps
+            )
+        patterned = _patterned(self.fits.disc, fitted[0], search.bounds, image)
+        return Hypotheses(
+            search.observation, sweeps, evidences, plate, streak, self.untried, patterned
+        )
+
+    def _sorted(
+        self, compared: Sequence[tuple[Sweep, Evidence]]
+    ) -> tuple[tuple[Sweep, ...], tuple[Evidence, ...], tuple[Candidate, ...]]:
+        """Different sweeps, evidence, candidates; that first whose alpha is expected nearest the truth.
+
+        Probabilities of sweeps that are nearly the same add up in this expectation.
+        compared: of each candidate.
+        """
+        observation = self.fits.search.observation
         order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
-        sorted_fits = [(*compared[i], self.candidates[i]) for i in order]
-        different = distinct(sorted_fits, lambda fit, better: _are_alike(fit[0], better[0]))
+        by_score = [(*compared[i], self.candidates[i]) for i in order]
+        different = distinct(by_score, lambda fit, better: _are_alike(fit[0], better[0]))
         kept = [
-            (sweep, with_odds(known, search.observation, sweep, one.covariance is not None), one)
+            (sweep, with_odds(known, observation, sweep, one.covariance is not None), one)
             for sweep, known, one in different
         ]
         probable = hypothesis_probabilities([known for _, known, _ in kept])
         apart = [[one.rms_difference(other) for other, *_ in kept] for one, *_ in kept]
         order = np.argsort(apart @ probable, kind="stable")
         sweeps, evidences, fitted = zip(*(kept[i] for i in order), strict=True)
-        if image.meta.transfer_assumed:
-            sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
-        plate, streak = self.fits.plate, self.fits.streak
-        patterned = _patterned(self.fits.disc, fitted[0], search.bounds, image)
-        return Hypotheses(
-            search.observation, sweeps, evidences, plate, streak, self.untried, patterned
-        )
+        return sweeps, evidences, fitted
 
 
 def _is_known_solid(observation: Observation) -> bool:
