@@ -21,7 +21,7 @@ from blurmatte.matting import (
 )
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.fitted_hypothesis import write_swept
-from blurmatte.matting.hypotheses import Swept
+from blurmatte.matting.hypotheses import Averaged, Swept
 from blurmatte.matting.maps import Grade
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, render
@@ -30,6 +30,7 @@ from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.rendering.scene import Shadow
 from blurmatte.sweep import Sweep, fit_sweep
+from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -71,10 +72,14 @@ def test_the_color_errs_as_alpha_does(wall):
     assert max(of_sum, of_fit) <= whole <= 1.01 * (of_sum + of_fit)
 
 
-def test_a_ball_before_one_hue_is_confirmed(wall):
-    truth, *_, solution = wall
+def test_a_ball_before_one_hue_is_confirmed_if_it_is_known_to_be_solid(wall):
+    """An even plate shows no light that passes through the ball."""
+    truth, image, plate, solution = wall
     assert solution.solver == repr(Swept())
-    assert solution.grade is Grade.CONFIRMED
+    assert solution.grade is Grade.PLAUSIBLE
+    assert solution.stats.grade_reasons[0] == "opacity"
+    solid = solve(image, plate, solver=Averaged(opacity=OpacityPrior.SOLID))
+    assert solid.grade is Grade.CONFIRMED
     true, streak = truth.layer.alpha, truth.layer.alpha > 0
     assert np.sqrt(np.mean((solution.alpha - true)[streak] ** 2)) < 0.006
     assert_allclose(solution.stats.sum_alpha, true.sum(), rtol=0.01)

@@ -30,6 +30,7 @@ from blurmatte.matting import (
     Smooth,
     solve,
 )
+from blurmatte.matting.calibration import GRADE_LIMITS
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.plate_check import _looks_swapped
@@ -342,7 +343,8 @@ def claimed(solution):
 
 def opacity_is_open(solution):
     """Whether the error contains that a solid object may let light through, before an even plate."""
-    return "opacity" in solution.stats.grade_reasons
+    sweep = solution.stats.sweep
+    return sweep is not None and sweep.opacity_std > GRADE_LIMITS[Grade.CONFIRMED][1]
 
 
 RENDERED = {

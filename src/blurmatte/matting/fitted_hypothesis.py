@@ -133,6 +133,11 @@ class OnPath(FittedHypothesis):
         """Relative standard deviation of the opacity, which calibrations do not know."""
         return self.sweep.opacity_std / self.sweep.silhouette.opacity
 
+    @property
+    def even_opacity_error(self) -> float:
+        """The same if letting light through is as usual as being solid."""
+        return self.sweep.diagnostics.even_opacity_std / self.sweep.silhouette.opacity
+
     def within(self, box: Box) -> AlphaEstimate:
         """Without the errors of opacity and of an assumed transfer curve."""
         sweep = replace(self.sweep, opacity_std=0.0)

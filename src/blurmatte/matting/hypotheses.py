@@ -180,8 +180,16 @@ class WeightedHypotheses:
     @property
     def opacity_error(self) -> float:
         """Relative standard deviation of the opacity of the shapes, which calibrations do not know."""
-        relative = [one.opacity_error for one in self.shapes]
-        return float(np.sqrt(self.of_likeliest_shapes @ np.square(relative)))
+        return self._over_shapes([one.opacity_error for one in self.shapes])
+
+    @property
+    def even_opacity_error(self) -> float:
+        """The same if letting light through is as usual as being solid."""
+        return self._over_shapes([one.even_opacity_error for one in self.shapes])
+
+    def _over_shapes(self, errors: Sequence[float]) -> float:
+        """The root mean square of errors of the shapes."""
+        return float(np.sqrt(self.of_likeliest_shapes @ np.square(errors)))
 
     @property
     def assumed_error(self) -> tuple[Array, float]:
@@ -294,11 +302,12 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     solid, average = graded(average)[0], found.with_open_errors(average)
     grade, alpha_error = graded(average)
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
-    is_open = found.opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid
+    is_open = found.even_opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid
     because = reasons(terms, claim, found.weights, compressed)
     because = _with_further(because, untried=bool(untried), opacity=is_open, gray=gray)
-    if (untried or gray) and grade is Grade.CONFIRMED:
-        grade = Grade.PLAUSIBLE  # errors are calibrated on pictures in color, with all hypotheses
+    # Errors are calibrated on pictures in color, with all hypotheses; that it is solid is assumed.
+    if (untried or gray or is_open) and grade is Grade.CONFIRMED:
+        grade = Grade.PLAUSIBLE
     # The maps have no other place for an error that may be larger than all others.
     alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
     average = with_bounded_errors(replace(average, alpha_std=alpha_std))

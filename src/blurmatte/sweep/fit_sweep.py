@@ -8,6 +8,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -359,7 +360,7 @@ def _fit_before(
         thin = _likelier_thin(solid, state, seen_through, opacity)
         if thin is None:
             spread = float(np.hypot(opacity.std, 1 - opacity.value))
-            return solid.with_opacity_std(spread)
+            return solid.with_opacity_errors(spread, opacity.even_std)
         state = thin
     hides = _opacity_of(_seen_through(state, search.bounds))
     if hides.value > 0:
@@ -484,10 +485,10 @@ class _Candidates:
         other = _evidence(self.fits.search.observation, Candidate(state))
         return bool(hypothesis_scores([*self.evidence, other])[-1] == 0)
 
-    def with_opacity_std(self, std: float) -> "_Candidates":
-        """The same with an error of the opacity."""
-        candidates = [replace(one, opacity_std=std) for one in self.candidates]
-        return replace(self, candidates=candidates)
+    def with_opacity_errors(self, std: float, even_std: float) -> "_Candidates":
+        """The same with errors of the opacity."""
+        errors = partial(replace, opacity_std=std, even_opacity_std=even_std)
+        return replace(self, candidates=list(map(errors, self.candidates)))
 
     def refined(self) -> Hypotheses:
         """Their sweeps, the probable ones corrected for their file, in the order of `_sorted`."""
@@ -600,7 +601,7 @@ def _opacity_of(state: State) -> Opacity:
         return Opacity(1.0, 0.0)
     found = fit_opacity(state)
     is_open = found.value + found.std < OPAQUE or found.std > 1 - OPAQUE
-    return found if is_open else Opacity(1.0, 0.0)
+    return found if is_open else Opacity(1.0, 0.0, even_std=found.even_std)
 
 
 def _with_opacity(candidate: Candidate) -> Candidate:
@@ -612,7 +613,7 @@ def _with_opacity(candidate: Candidate) -> Candidate:
     silhouette = candidate.silhouette.with_opacity(max(found.value, _MIN_OPACITY))
     if state.silhouette != silhouette:
         state = replace(state.of_kind(silhouette), converged=state.converged)
-    return replace(candidate, state=state, opacity_std=found.std)
+    return replace(candidate, state=state, opacity_std=found.std, even_opacity_std=found.even_std)
 
 
 def fit_stretch(
@@ -737,7 +738,8 @@ def _refined(
         return sweep_of(candidate, image), evidence
     transfer = image.meta.transfer or SRGB
     corrected = candidate_before_file(candidate.state, transfer, candidate.cast)
-    candidate = replace(corrected, opacity_std=candidate.opacity_std)
+    errors = candidate.opacity_std, candidate.even_opacity_std
+    candidate = replace(corrected, opacity_std=errors[0], even_opacity_std=errors[1])
     sweep = sweep_of(candidate, image)
     if candidate.cast is not None:
         return sweep, evidence

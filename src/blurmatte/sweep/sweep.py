@@ -58,6 +58,8 @@ class Diagnostics:
         Number of pixels in the sweep over the variance inflation.
     chroma_blur : float
         Standard deviation by which the file blurred colors, pixels; 0 if it did not.
+    even_opacity_std : float
+        Standard deviation of the opacity if letting light through is as usual as being solid.
     prior_probability : float
         That a frame which agrees with its clip differs from the prior by as much; 1 without a prior.
     """
@@ -75,6 +77,7 @@ class Diagnostics:
     signal_to_noise: float = 0.0
     effective_pixels: float = 0.0
     chroma_blur: float = 0.0
+    even_opacity_std: float = 0.0
     prior_probability: float = 1.0
 
 

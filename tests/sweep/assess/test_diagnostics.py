@@ -50,7 +50,7 @@ def test_defaults_are_those_of_a_correct_sweep():
     assert plain.converged
     assert plain.residual_excess == plain.variance_inflation == plain.noise_inflation == 1
     assert plain.prior_probability == 1
-    assert len(fields(plain)) == 14
+    assert len(fields(plain)) == 15
 
 
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])

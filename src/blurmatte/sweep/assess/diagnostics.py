@@ -112,6 +112,7 @@ def diagnosed(
         float(np.sqrt(change.mean())) if change.size else 0.0,
         float(np.count_nonzero(inside)) / inflation,
         candidate.chroma_blur,
+        candidate.even_opacity_std,
     )
 
 

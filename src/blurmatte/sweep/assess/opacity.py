@@ -66,12 +66,16 @@ RARE_ODDS = float(np.exp(-DECISIVE_LOG_BAYES_FACTOR))
 
 @dataclass(frozen=True)
 class Opacity:
-    """An opacity, 0…1, and its error; and both if it is known to let light through."""
+    """An opacity, 0…1, and its error; and both if it is known to let light through.
+
+    even_std: the error if letting light through is as usual as being solid.
+    """
 
     value: float
     std: float
     thin: float = 1.0
     thin_std: float = 0.0
+    even_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,16 +353,19 @@ def _posterior(scores: list[_Scores], lights: _Lights, is_open: bool) -> Opacity
     prior = np.where(surface, 1, RARE_ODDS * source)
     solid, dark = likelihood[-1] * surface[-1], likelihood[0] * RARE_ODDS * source[0]
     thin = likelihood * np.gradient(f) * prior
-    at, odds = np.array([0.0, *f, 1.0]), 1.0 if is_open else RARE_ODDS
-    mass = np.array([dark, *(odds * thin), solid])
+    at, even = np.array([0.0, *f, 1.0]), np.array([dark, *thin, solid])
+    mass = even.copy()
+    mass[1:-1] *= 1.0 if is_open else RARE_ODDS
     value = float(mass @ at / mass.sum())
     if not is_open and mass[-1] > mass.sum() / 2:
         value = 1.0
     elif mass[0] > mass.sum() / 2:
         value = 0.0
     mean = float(thin @ f / thin.sum())
-    mass[-1] = likelihood[-1] * prior[-1]  # a source that hides all has even odds
-    return Opacity(value, _rms_from(value, at, mass), mean, _rms_from(mean, f, thin))
+    # A source that hides all has even odds.
+    mass[-1] = even[-1] = likelihood[-1] * prior[-1]
+    std, even_std = (_rms_from(value, at, one) for one in (mass, even))
+    return Opacity(value, std, mean, _rms_from(mean, f, thin), even_std)
 
 
 def _rms_from(value: float, at: Array, mass: Array) -> float:

@@ -132,6 +132,7 @@ class Candidate:
     # Pixels by which the file blurred colors, a standard deviation; 0 if it did not
     chroma_blur: float = 0.0
     opacity_std: float = 0.0  # standard deviation of the silhouette's opacity
+    even_opacity_std: float = 0.0  # the same if letting light through is as usual as being solid
     # (p, p) float: of path and shape with a pattern that moves along, whose residuals and cost the
     # state has; None without
     covariance: Array | None = None
