@@ -22,6 +22,9 @@ QUANTILE_999_3 = 16.27  # its 99.9 % quantile
 MAD_TO_STD = 1.4826  # 1 / Φ⁻¹(3/4): standard deviation of normal numbers over their median size
 UNIFORM_VARIANCE = 1 / 12  # of a number with equal density over one unit
 BLOCK_SIZES = (2, 4, 8, 16)  # pixels: compressed files have blocks of up to 16
+# Widths of blocks of pixels over which the correlation of noise and of residuals is measured: the noise
+# of files and the residuals of wrong shapes correlate over such distances
+CORRELATED_PX = (4, 8)
 _CORE, _CORE_MEAN = 0.9, 0.623  # lower fraction of χ² of one degree of freedom, and its mean
 
 

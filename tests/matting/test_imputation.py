@@ -13,7 +13,7 @@ from blurmatte.matting import Smooth, solve
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.maps import Grade
 from blurmatte.rendering import Ball, Camera, Scene
-from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.sweep.hypotheses import Disc, DiscWithShadow
 from blurmatte.trajectory import Trajectory
 
@@ -51,6 +51,29 @@ def test_ball_before_a_wall_is_solved_without_a_plate(seen, smooth):
     error = (solution.alpha - alpha)[alpha > 0]
     assert np.sqrt(np.mean(error**2)) < min(0.05, 2 * solution.stats.alpha_error)
     assert abs(solution.alpha.sum() - alpha.sum()) < 3 * solution.stats.sum_alpha_std
+
+
+@pytest.fixture(scope="module", params=[0, 1, 2])
+def before_grass(request):
+    """A solution without a plate before texture of one hue, and the true alpha."""
+    texture = textured_plate((144, 112), request.param).mean(axis=-1, keepdims=True)
+    scene = replace(SCENE, plate=texture * (0.35, 0.5, 0.2))
+    image, _ = photographed(scene, Camera(code_std=1 / 255), seed=request.param)
+    alpha = rendered(scene).layer.alpha
+    region = np.zeros(alpha.shape, bool)
+    region[34:78, 32:112] = True
+    plate = guess_plate(image, region)
+    assert plate.is_rough
+    return solve(image, plate), alpha
+
+
+def test_ball_of_another_hue_than_texture_is_solved_without_a_plate(before_grass):
+    """oracle: each channel of the guess errs by more than a tenth, their errors are one."""
+    solution, alpha = before_grass
+    error = np.sqrt(np.mean((solution.alpha - alpha)[solution.streak | (alpha > 0)] ** 2))
+    assert error < min(0.01, 2 * solution.stats.alpha_error)
+    assert abs(solution.stats.sum_alpha - alpha.sum()) < 3 * solution.stats.sum_alpha_std
+    assert solution.grade <= Grade.PLAUSIBLE
 
 
 def test_error_contains_that_of_the_guess(smooth):

@@ -30,8 +30,15 @@ from blurmatte.checks import (
     rows_columns,
 )
 from blurmatte.errors import NoiseError, PlateError
-from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
-from blurmatte.statistics import QUANTILE_999_3, block_sums
+from blurmatte.radiometry import (
+    GuessError,
+    LinearImage,
+    NoiseModel,
+    are_gray,
+    check_picture,
+    rounding_noise,
+)
+from blurmatte.statistics import CORRELATED_PX, QUANTILE_999_3, block_sums
 
 _SEED = 1
 _DRAWS = 4  # of the field: with the mean they give its error in whatever is computed from it
@@ -54,6 +61,8 @@ _TILE_PX = 16  # width of tiles in which noise is measured
 _LEVELS = 4  # of light, and of how even tiles are
 _COVARIANCES = 12  # of each axis, that are averaged
 _MIN_VARIANCE = 1e-12  # light²: of 32-bit floats
+# Standard deviation of a smooth guess over its light, a third of what a soft shadow takes
+_MAX_SMOOTH_ERROR = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +81,8 @@ class PlateGuess(LinearImage):
         A draw of what the surroundings show but the plate does not predict, in that box.
     image_noise : Noise
         Noise of the image that it was made of.
+    errors : GuessError, optional
+        Covariance of the channels where it is a guess; None of gray pictures, which have one.
 
     Examples
     --------
@@ -86,6 +97,7 @@ class PlateGuess(LinearImage):
     draws: tuple[Floats, ...] = ()
     texture: Floats = None  # type: ignore[assignment]
     image_noise: NoiseModel = None  # type: ignore[assignment]
+    errors: GuessError | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -95,7 +107,8 @@ class PlateGuess(LinearImage):
     @property
     def plates(self) -> list[LinearImage]:
         """The plate, then each of the draws, as pictures of which nothing is a guess."""
-        first = LinearImage(self.rgb, self.noise, self.valid, self.meta)
+        meta = replace(self.meta, guess_error=self.errors if self.is_rough else None)
+        first = LinearImage(self.rgb, self.noise, self.valid, meta)
         place, found = rows_columns(box_of(self.hidden)), [first]
         for draw in self.draws:
             rgb = self.rgb.copy()
@@ -131,6 +144,11 @@ class PlateGuess(LinearImage):
     def error(self) -> float:
         """Root mean square of the standard deviation of the light that is a guess; white is 1."""
         return float(np.sqrt(np.asarray(self.variance)[self.hidden].mean()))
+
+    @property
+    def is_rough(self) -> bool:
+        """Whether its error is as large as the change of light by a soft shadow."""
+        return self.error > _MAX_SMOOTH_ERROR * float(self.rgb[self.hidden].mean())
 
 
 def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
@@ -362,7 +380,27 @@ class _AroundRegion:
         )
         texture = (self._textured(rng, inner) @ self.axes.T).astype(rgb.dtype)
         valid = image.valid | hidden
-        return PlateGuess(rgb, variance, valid, meta, hidden, tuple(draws), texture, noise)
+        of_pixels = own[hidden[place]].mean(axis=0) + _MIN_VARIANCE
+        of_sums = np.maximum(self._power(max(CORRELATED_PX)), of_pixels)
+        errors = None
+        if not are_gray(image, image):
+            errors = GuessError(*(self.axes * one @ self.axes.T for one in (of_pixels, of_sums)))
+        return PlateGuess(rgb, variance, valid, meta, hidden, tuple(draws), texture, noise, errors)
+
+    def _power(self, width: int) -> Array:
+        """(3,) variance of sums of errors over squares of a width, pixels, over their area.
+
+        It is that of a pixel if errors are independent. The smooth part is the same in a square.
+        """
+        cells = max(round(width / self.grain), 1)
+        h, w = self.autocovariance.shape[:2]
+        rows, columns = (np.minimum(np.arange(n), n - np.arange(n)) for n in (h, w))
+        y, x = (np.maximum(1 - lag / cells, 0) for lag in (rows, columns))
+        of_texture = np.einsum("y,x,yxc->c", y, x, self.autocovariance) * self.grain**2
+        of_texture = np.maximum(of_texture, self.texture)
+        seen = self.std.any(axis=-1)
+        smooth = (self.std[seen] ** 2).mean(axis=0) if seen.any() else np.zeros(3)
+        return np.asarray(of_texture + smooth * width**2)
 
     def _textured(self, rng: np.random.Generator, place: tuple[slice, slice]) -> Array:
         """(h, w, 3) a draw of the texture along the axes, at some rows and columns of the window."""

@@ -33,7 +33,13 @@ from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, n
 from blurmatte.matting.summary import StreakSums, streak_sums, with_mean_light
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.statistics import larger_covariance
-from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
+from blurmatte.streaks import (
+    Streak,
+    check_streak,
+    find_streaks,
+    merge_across_occluder,
+    require_streaks,
+)
 from blurmatte.streaks.evidence import without_outliers
 from blurmatte.sweep.assess.diagnostics import with_perspective_error
 from blurmatte.sweep.assess.model_selection import Hypotheses
@@ -43,8 +49,6 @@ from blurmatte.sweep.hypotheses import Disc
 from blurmatte.sweep.model.priors import MotionPrior
 from blurmatte.sweep.sweep import Sweep
 
-# Standard deviation of a guessed plate over its light, a third of what a soft shadow takes
-_MAX_ERROR_WITH_SHADOW = 0.1
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 
 
@@ -126,7 +130,7 @@ def _shown_in(plate: LinearImage, solver: Solver) -> Solver:
     """A solver without hypotheses of shadows if the error of a guess is as large as their changes."""
     if not (isinstance(plate, PlateGuess) and isinstance(solver, Swept)):
         return solver
-    if plate.error <= _MAX_ERROR_WITH_SHADOW * float(plate.rgb[plate.hidden].mean()):
+    if not plate.is_rough:
         return solver
     kept = tuple(one for one in solver.hypotheses if not one.changes_plate)
     return replace(solver, hypotheses=kept)
@@ -151,14 +155,18 @@ def _before_guess(
         image, plate = image.crop(box), plate.around_hidden(box)
     if image.noise is None:
         image = image.with_noise(plate.image_noise)
+    guess = plate
 
     def matched(plate: LinearImage) -> Pictures:
         """The image and a plate of which nothing is a guess."""
         return _matched(image, plate, Matching.NONE, occluder)
 
     def first(plate: LinearImage) -> Solution:
-        """The solution before the mean of the guess."""
-        return _solved(matched(plate), request)
+        """The solution before the mean of the guess; where no streak stands out, of the region."""
+        pictures, asked = matched(plate), request
+        if asked.streak is None and not find_streaks(pictures.image, pictures.plate):
+            asked = replace(asked, streak=Streak(guess.hidden))
+        return _solved(pictures, asked)
 
     def again(known: Solution) -> QuickSolver:
         """Quick solutions that start from another, of a wide streak on cells."""

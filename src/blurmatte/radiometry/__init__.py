@@ -2,6 +2,7 @@
 
 from blurmatte.radiometry.compression import CodingError as CodingError
 from blurmatte.radiometry.compression import Compression as Compression
+from blurmatte.radiometry.guess_error import GuessError as GuessError
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import are_gray as are_gray
@@ -11,6 +12,7 @@ from blurmatte.radiometry.image import counted_once as counted_once
 from blurmatte.radiometry.image import decode as decode
 from blurmatte.radiometry.image import rounding_noise as rounding_noise
 from blurmatte.radiometry.image import smooth_variance as smooth_variance
+from blurmatte.radiometry.image import whitened as whitened
 from blurmatte.radiometry.noise_model import Noise as Noise
 from blurmatte.radiometry.noise_model import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise_model import rounding_variance as rounding_variance

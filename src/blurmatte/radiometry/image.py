@@ -26,6 +26,7 @@ from blurmatte.checks import (
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry.compression import Compression, FrameCoding
+from blurmatte.radiometry.guess_error import GuessError
 from blurmatte.radiometry.noise_model import Noise, NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, TRANSFER_HINT, Matrix3, Transfer, light_in_srgb
 
@@ -77,6 +78,8 @@ class Meta:
     one_channel : bool
         True if the three channels are equal and their noise is counted once: each has three times its
         variance, so that all three together hold the information of one.
+    guess_error : GuessError or None
+        Errors of the channels of a plate that was guessed before texture; None if they are independent.
     readout : "down", "up", "left" or "right"
         Where the next row of the sensor lies in the picture, which is shown upright: a file turned by
         180° has "up". A rolling shutter exposes rows in this order.
@@ -100,6 +103,7 @@ class Meta:
     coding: FrameCoding | None = field(default=None, repr=False, compare=False)
     readout: Direction = "down"
     one_channel: bool = False
+    guess_error: GuessError | None = field(default=None, repr=False)
 
     @property
     def sharing(self) -> Compression | None:
@@ -346,6 +350,31 @@ def smooth_variance(picture: LinearImage) -> Array:
     raw = picture.variance.astype(float)
     variance: Array = scipy.ndimage.gaussian_filter(raw, sigma=(2.0, 2.0, 0))
     return np.maximum(variance, VARIANCE_FLOOR)
+
+
+def whitened(
+    image: LinearImage, plate: LinearImage, of_sums: bool = False
+) -> tuple[LinearImage, LinearImage]:
+    """Image and plate of known noise in light in which errors of the plate are independent.
+
+    The noise of the image is much smaller, and is still taken to be independent.
+    of_sums: with the errors of sums over squares in place of those of pixels.
+    """
+    error = plate.meta.guess_error
+    if error is None:
+        return image, plate
+    known = error.of_sums if of_sums else error
+    W, mean = known.whitening, np.diag(error.covariance)
+    of_plate = known.variance(np.asarray(plate.variance, float), mean)
+    return (
+        _in_light(W, image, np.asarray(image.variance, float) @ W**2),
+        _in_light(W, plate, of_plate),
+    )
+
+
+def _in_light(W: Array, picture: LinearImage, variance: Array) -> LinearImage:
+    meta = replace(picture.meta, levels=None)  # its channels are not rounded alone
+    return LinearImage(np.asarray(picture.rgb, float) @ W, variance, picture.valid, meta)
 
 
 def rounding_noise(picture: LinearImage) -> NoiseModel:

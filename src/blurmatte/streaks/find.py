@@ -14,7 +14,7 @@ import scipy
 from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Array, Bools, Floats, box_of, check_kind, check_same_size, rows_columns
 from blurmatte.errors import MotionError, PlateError
-from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.radiometry import LinearImage, check_same_colors, whitened
 from blurmatte.streaks.evidence import (
     CLOSING,
     MAX_CELLS,
@@ -72,7 +72,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     image, plate = with_noise(image, plate)
     image = without_outliers(image, plate)
     cell = int(np.ceil(np.sqrt(image.valid.size / MAX_CELLS)))
-    T = evidence(image, plate, cell)
+    T = evidence(*whitened(image, plate, of_sums=True), cell)
     moved = opened(POSSIBLE < T)  # thin: a shifted edge of the plate
     labels, _ = scipy.ndimage.label(dilated(moved, CLOSING), np.ones((3, 3)))
     parts = []

@@ -204,7 +204,8 @@ def likeliest_streak(
     strong = without_faint(streaks[:_MAX_STREAKS])
     if len(strong) < 2:
         return streaks[0]
-    lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
+    is_rough = plate.meta.guess_error is not None  # a loss of light may be texture
+    lit = [] if is_rough else [one for one in strong if not may_be_shadow(image, plate, one)]
     scored: list[tuple[float, Streak]] = []
     for streak in lit or strong:
         search = quick_search(streak, image, plate, ColorPrior.of(model).of_one_paint)
@@ -247,7 +248,8 @@ def fit_hypotheses(
         candidates = _in_likelier_light(candidates, image, before, limit)
     found = candidates.refined()
     # Nobody can give the color of a black thing in a gray picture.
-    if model is None and not image.meta.one_channel and not _is_solid(found.best):
+    may_be_texture = plate.meta.guess_error is not None
+    if model is None and not (image.meta.one_channel or may_be_texture or _is_solid(found.best)):
         check_no_shadow(image, plate, streak)
     return found
 

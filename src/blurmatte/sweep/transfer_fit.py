@@ -201,12 +201,15 @@ def _decoded_with(curve: Transfer, observation: Observation, assumed: Transfer) 
             scipy.ndimage.gaussian_filter(slope, (2.0, 2.0, 0))
         )
 
-    (C, of_image), (B, of_plate) = decoded(observation.C), decoded(observation.B)
+    lights = observation.rgb(observation.C), observation.rgb(observation.B)
+    (C, of_image), (B, of_plate) = map(decoded, lights)
+    if observation.guess_error is not None:  # its channels have no curves of their own
+        of_image, of_plate = (one.mean(axis=-1, keepdims=True) for one in (of_image, of_plate))
     error = observation.chroma_error
     return replace(
         observation,
-        C=C,
-        B=B,
+        C=observation.of_rgb(C),
+        B=observation.of_rgb(B),
         C_variance=of_image**2 * observation.C_variance,
         B_variance=of_plate**2 * observation.B_variance,
         chroma_error=None if error is None else of_image * error,

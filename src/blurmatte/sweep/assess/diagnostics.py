@@ -123,27 +123,32 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
     wrong by `area_error`, adds to the color.
     """
     field, observation = state.field, state.observation
-    axes, length = observation.color.axes, float(np.linalg.norm(field.mean))
+    mean, axes = state.mean_color, observation.rgb(observation.color.axes.T).T
+    length = float(np.linalg.norm(mean))
     if not length > _MIN_LIGHT:
         raise ColorModelError("the fit found no light of the object along its path")
+    pole = mean / length
+    # Columns: linear RGB of a unit along each axis, across the mean color
+    across = axes[:, 1:] - np.outer(pole, pole @ axes[:, 1:])
+    size = np.linalg.norm(across, axis=0)
     rank = observation.color.rank
     if rank == 3:
-        rank = 1 + int(np.count_nonzero(field.spread[1:] > _MAX_ONE_COLOR_SPREAD * length))
+        spread = field.spread[1:] * size
+        rank = 1 + int(np.count_nonzero(spread > _MAX_ONE_COLOR_SPREAD * length))
     if rank == 3:
         return ColorModel.any()
     weight = state.weights * state.swept.alpha**2
     behind = np.einsum("yx,yxc->c", weight, observation.light[1]) / max(float(weight.sum()), 1e-9)
-    std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind) / length
+    std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind)[1:] / length
+    evidence = {"shape": float(np.degrees(np.linalg.norm(std * size)))}
     if rank == 1:
-        pole = axes @ field.mean / length
         pole = pole if pole.sum() >= 0 else -pole
-        across = axes[:, 1:] * std[1:]
-        basis = pole[:, None]
-    else:
-        basis, across = axes[:, :2], axes[:, :2] * std[2]
-    return ColorModel(
-        basis, across @ across.T, {"shape": float(np.degrees(np.linalg.norm(std[1:])))}
-    )
+        across = across * std
+        return ColorModel(pole[:, None], across @ across.T, evidence)
+    basis, R = np.linalg.qr(axes[:, :2])
+    basis = basis * np.sign(np.diag(R))
+    normal_std = abs(float(np.cross(*basis.T) @ axes[:, 2])) * std[1]
+    return ColorModel(basis, normal_std**2 * (basis @ basis.T), evidence)
 
 
 def with_perspective_error(sweep: Sweep) -> Sweep:

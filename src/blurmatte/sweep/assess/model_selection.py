@@ -33,11 +33,11 @@ import numpy as np
 from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import VARIANCE_FLOOR
-from blurmatte.statistics import mean_of_blocks
+from blurmatte.statistics import CORRELATED_PX, mean_of_blocks
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
 from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
-from blurmatte.sweep.model.observation import CORRELATED_PX, Observation, means
+from blurmatte.sweep.model.observation import Observation, means
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep

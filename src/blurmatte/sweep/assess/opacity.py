@@ -325,7 +325,8 @@ def _lights(observation: Observation, chi: Array, inside: Bools) -> _Lights:
     """In linear RGB."""
     if not inside.any():
         return _Lights(None, np.zeros(3))
-    light, behind = _mean_lights((observation.C, observation.B), chi, inside)
+    lights = _mean_lights((observation.C, observation.B), chi, inside)
+    light, behind = map(observation.rgb, lights)
     return _Lights(light - behind, behind)
 
 

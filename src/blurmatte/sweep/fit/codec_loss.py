@@ -75,8 +75,7 @@ def _lost_light(state: State, image: LinearImage, step: float, corner: tuple[int
     """L, (h, w, 3); `corner` is where the image lies in the frame, whose corner is that of a block."""
     observation, alpha = state.observation, state.swept.alpha
     transfer, side = image.meta.transfer or SRGB, int(observation.scale)
-    own = state.field.light(alpha) @ observation.color.axes.T
-    light = np.maximum((1 - alpha)[..., None] * observation.B + own, 0)
+    light = np.maximum((1 - alpha)[..., None] * observation.B + state.own_light, 0)
     codes, plate = (np.asarray(transfer.encode(x)) for x in (light, observation.B))
     first = [int(at - (side - 1) / 2) + c for at, c in zip(observation.origin, corner, strict=True)]
     left, top = (at % MACROBLOCK for at in first)
@@ -128,8 +127,6 @@ def light_before_file(
     observed: Observation, state: State, transfer: Transfer, blur: float
 ) -> Observation:
     """An observation corrected for the file's effect on the light that a state predicts."""
-    alpha = state.swept.alpha
-    own = state.field.light(alpha) @ state.observation.color.axes.T
-    file = observed.file(transfer, blur)
-    light = light_before(observed.C, observed.B, alpha, own, file, transfer)
+    C, B, file = observed.rgb(observed.C), observed.rgb(observed.B), observed.file(transfer, blur)
+    light = light_before(C, B, state.swept.alpha, state.own_light, file, transfer)
     return replace(observed.with_light(light), color=state.observation.color)

@@ -71,7 +71,7 @@ _REGULAR = 1e-3  # of the diagonal of the normal matrix, added to it
 def fit_free(fits: Sequence[State]) -> State | None:
     """The best free silhouette, from fits of other shapes of one paint to one observation.
 
-    None if none of the fits on large pixels costs less than the best of those.
+    None if none of the fits on large pixels costs less than the best of those, or one is empty.
     """
     best = min(fits, key=lambda state: state.cost)
     plain = with_principal_axes(best).observation
@@ -96,6 +96,8 @@ def fit_free(fits: Sequence[State]) -> State | None:
         start, rival = _with_cells(one.finer(fine), _FIRST_FINE_STEPS), _least_cost(ends)
         ends.append(_fitted(start, _MAX_FINE_STEPS, _FINE_TOLERANCE, rival))
     best_end = min(ends, key=lambda one: one.cost)
+    if not best_end.mask.any():  # no cell is worth its price
+        return None
     return replace(best_end, gray_price=_COARSE_GRAY_PRICE).state(best.radius).on(plain)
 
 
@@ -217,7 +219,7 @@ class _Problem:
     @property
     def is_possible(self) -> bool:
         """Whether the mean light is that of a surface."""
-        mean = self.color.reshape(-1, 3).mean(axis=0)
+        mean = self.observation.rgb(self.color.reshape(-1, 3).mean(axis=0))
         return bool(mean.max() <= MAX_LIGHT and mean.min() >= MIN_LIGHT * mean.max())
 
     def residuals(self, alpha: Array) -> tuple[Array, Array]:
@@ -464,8 +466,8 @@ def _starts(
             curve = family.curve(path)
             if all(np.abs(curve - other).max() > coarse.scale for other in curves):
                 curves.append(curve)
-                yield family, path, _possible(state.mean_color)
-    ends, color = best.curve[[0, -1]], _possible(best.mean_color)
+                yield family, path, _possible_color(state)
+    ends, color = best.curve[[0, -1]], _possible_color(best)
     middle = ends.mean(axis=0)
     for by in _LENGTHS:
         yield LINE, (middle + by * (ends - middle)).ravel(), color
@@ -484,8 +486,9 @@ def _price(state: State) -> float:
     return state.cost + bic_penalty(state.observation, state.parameters)
 
 
-def _possible(color: Array) -> Array:
-    return np.clip(color, 0, MAX_LIGHT)
+def _possible_color(state: State) -> Array:
+    """(3,) the nearest that a surface may have to a mean color, in the light of its observation."""
+    return state.observation.of_rgb(np.clip(state.mean_color, 0, MAX_LIGHT))
 
 
 def _apart(one: _Problem, other: _Problem) -> float:

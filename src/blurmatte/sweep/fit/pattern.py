@@ -25,11 +25,10 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools
 from blurmatte.descent import descended
-from blurmatte.statistics import mean_of_blocks
+from blurmatte.statistics import CORRELATED_PX, mean_of_blocks
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
 from blurmatte.sweep.fit.ranking import Candidate
-from blurmatte.sweep.model.observation import CORRELATED_PX
 from blurmatte.sweep.model.silhouette import moments
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE, loss, student_weight

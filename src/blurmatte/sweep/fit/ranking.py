@@ -11,6 +11,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools
 from blurmatte.statistics import (
+    CORRELATED_PX,
     DECISIVE_LOG_BAYES_FACTOR,
     MEDIAN_3,
     block_squares,
@@ -19,7 +20,7 @@ from blurmatte.statistics import (
     trimmed_mean,
 )
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.observation import CORRELATED_PX, TRIMMED_OUTSIDE, Observation
+from blurmatte.sweep.model.observation import TRIMMED_OUTSIDE, Observation
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State

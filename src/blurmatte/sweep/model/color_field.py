@@ -83,6 +83,14 @@ class ColorPrior:
         std = float(np.hypot(std, 1e-3))  # radians, of a model without an error
         return cls(axes, model.rank, model.rank, std)
 
+    def in_light(self, W: Array) -> "ColorPrior":
+        """The same of light that is linear RGB times a symmetric matrix (3, 3)."""
+        if self.rank == 3:
+            return self
+        axes = np.linalg.svd(W @ self.axes[:, : self.rank])[0]
+        axes[:, 0] *= np.sign(axes[:, 0] @ W @ self.axes[:, 0])
+        return replace(self, axes=axes)
+
     @classmethod
     def along(cls, mean: Array, moments: Array) -> "ColorPrior":
         """No prior knowledge: axes along a mean color (3,) and the second moments (3, 3) about it."""

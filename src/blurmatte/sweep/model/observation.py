@@ -8,8 +8,16 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats, rows_columns
-from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
-from blurmatte.statistics import block_squares, cell_means
+from blurmatte.radiometry import (
+    LUMA_WEIGHTS,
+    Compression,
+    GuessError,
+    LinearImage,
+    Transfer,
+    smooth_variance,
+    whitened,
+)
+from blurmatte.statistics import CORRELATED_PX, block_squares, cell_means
 from blurmatte.streaks.streak import Streak, dilated
 from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
 from blurmatte.sweep.model.color_field import ColorPrior, residuals_of_none
@@ -17,9 +25,6 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 from blurmatte.sweep.model.student_t import loss
 
-# Widths of blocks of pixels over which the correlation of noise and of residuals is measured: the noise
-# of files and the residuals of wrong shapes correlate over such distances
-CORRELATED_PX = (4, 8)
 BACKGROUND_MARGIN_PX = 3  # around a streak, where pixels do not count as background
 # Fraction of the background's blocks that is dropped: tolerates other moving objects
 TRIMMED_OUTSIDE = 0.3
@@ -92,6 +97,7 @@ class Observation(PixelBox):
     light_alone: bool = False
     # (h, w) float, 0 to 1: `valid_fraction` of blocks; None for pixels of the picture
     block_valid_fraction: Array | None = None
+    guess_error: GuessError | None = None  # in whose `whitening` light is here; None: linear RGB
 
     @property
     def valid_fraction(self) -> Array:
@@ -116,6 +122,16 @@ class Observation(PixelBox):
     def channels(self) -> int:
         """How many are independent: 1 of gray pictures."""
         return self.color.channels
+
+    def rgb(self, light: Array) -> Array:
+        """Linear RGB (..., 3) of light as it is here."""
+        error = self.guess_error
+        return light if error is None else light @ np.linalg.inv(error.whitening)
+
+    def of_rgb(self, light: Array) -> Array:
+        """The inverse of `rgb`."""
+        error = self.guess_error
+        return light if error is None else np.ascontiguousarray(light @ error.whitening)
 
     @cached_property
     def light(self) -> tuple[Array, Array, Array, Array]:
@@ -160,11 +176,11 @@ class Observation(PixelBox):
         if self.compression is None:
             return ChromaBlur(blur / self.scale)
         variance = self.C_variance / self.noise_inflation
-        return Compressed.of(self.compression, self.C, variance, transfer)
+        return Compressed.of(self.compression, self.rgb(self.C), variance, transfer)
 
     def with_light(self, C: Array) -> "Observation":
-        """The same with other light of the image."""
-        return replace(self, C=np.ascontiguousarray(C))
+        """The same with other light of the image, linear RGB."""
+        return replace(self, C=np.ascontiguousarray(self.of_rgb(C)))
 
     def raised(self, by: float) -> "Observation":
         """The same with the variance of noise multiplied by a factor."""
@@ -239,10 +255,14 @@ def observation_around(
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
     mask = streak.mask[rows_columns(box)]
-    C, B, _, _, valid = light = light_of(image, plate)
+    C, B, _, _, valid = light_of(image, plate)
+    error = _chroma_error(C - B, image.meta.sharing)
+    if plate.meta.guess_error is not None:
+        W = plate.meta.guess_error.whitening
+        color, error = color.in_light(W), None if error is None else error @ W
     near = (scipy.ndimage.distance_transform_edt(~mask) <= margin) | ~valid
     return Observation(
-        *light,
+        *light_of(*whitened(image, plate)),
         (float(box[0]), float(box[1])),
         1.0,
         weight=np.where(valid, np.where(near, 1, 0.1), 0),  # pixels far from the streak are many
@@ -250,8 +270,9 @@ def observation_around(
         near=near,
         size=size,
         color=color.of_gray if image.meta.one_channel else color,
-        chroma_error=_chroma_error(C - B, image.meta.sharing),
+        chroma_error=error,
         compression=image.meta.sharing,
+        guess_error=plate.meta.guess_error,
     )
 
 

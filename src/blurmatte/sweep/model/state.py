@@ -6,10 +6,10 @@ from functools import cached_property
 import numpy as np
 
 from blurmatte.checks import Array, Bools
-from blurmatte.statistics import mean_of_blocks
+from blurmatte.statistics import CORRELATED_PX, mean_of_blocks
 from blurmatte.streaks import dilated
 from blurmatte.sweep.model.color_field import ColorField, fit_field
-from blurmatte.sweep.model.observation import BACKGROUND_MARGIN_PX, CORRELATED_PX, Observation
+from blurmatte.sweep.model.observation import BACKGROUND_MARGIN_PX, Observation
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
 from blurmatte.sweep.model.silhouette import OPAQUE
@@ -54,7 +54,13 @@ class State:
     @property
     def mean_color(self) -> Array:
         """(3,) mean color of the object, linear RGB."""
-        return np.asarray(self.observation.color.axes @ self.field.mean)
+        return np.asarray(self.observation.rgb(self.observation.color.axes @ self.field.mean))
+
+    @property
+    def own_light(self) -> Array:
+        """(h, w, 3) of the object: alpha times its color, linear RGB."""
+        light = self.field.light(self.swept.alpha) @ self.observation.color.axes.T
+        return np.asarray(self.observation.rgb(light))
 
     @cached_property
     def chi2(self) -> Array:
