@@ -22,7 +22,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError, PlateWarning
 from blurmatte.matting import solve
 from blurmatte.matting.solution import Solution
-from blurmatte.metrics.alpha import alpha_rmse, alpha_sum_bias, calibration, false_alpha
+from blurmatte.metrics import alpha_rmse, alpha_sum_bias, calibration, false_alpha
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,

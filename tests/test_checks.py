@@ -21,7 +21,7 @@ from blurmatte.checks import (
     grown,
     rows_columns,
 )
-from blurmatte.metrics.alpha import alpha_rmse
+from blurmatte.metrics import alpha_rmse
 from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.trajectory import Trajectory
 

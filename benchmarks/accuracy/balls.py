@@ -18,8 +18,7 @@ from scipy.ndimage import distance_transform_edt
 from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
 from blurmatte.matting import solve
 from blurmatte.matting.solution import Solution
-from blurmatte.metrics.alpha import alpha_rmse, alpha_sum_bias
-from blurmatte.metrics.motion import trajectory_iou
+from blurmatte.metrics import alpha_rmse, alpha_sum_bias, trajectory_iou
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (

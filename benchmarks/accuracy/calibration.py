@@ -28,7 +28,7 @@ from blurmatte.errors import ColorModelError, PlateWarning
 from blurmatte.layer import Layer
 from blurmatte.matting import solve
 from blurmatte.matting.solution import Solution
-from blurmatte.metrics.alpha import calibration
+from blurmatte.metrics import calibration
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Rendering, render
 

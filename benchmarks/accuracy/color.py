@@ -17,8 +17,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.color import published_color_line
 from blurmatte.color.streak import _streak_pixels, fit_color_from_hues
 from blurmatte.errors import ColorModelError
-from blurmatte.metrics.alpha import calibration
-from blurmatte.metrics.color import color_distance
+from blurmatte.metrics import calibration, color_distance
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering import (
     Ball,

@@ -24,7 +24,7 @@ from benchmarks.trials import CODE, over_seeds, photograph
 
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting import solve
-from blurmatte.metrics.motion import trajectory_iou
+from blurmatte.metrics import trajectory_iou
 from blurmatte.motion import Motion
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import SRGB

@@ -19,7 +19,7 @@ from benchmarks.trials import over_seeds
 from blurmatte.color.model import ColorModel
 from blurmatte.deblurring import Sharp, deblur
 from blurmatte.layer import Layer, box_around
-from blurmatte.metrics.motion import subframe_psnr, subframe_ssim, trajectory_iou
+from blurmatte.metrics import subframe_psnr, subframe_ssim, trajectory_iou
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import (
     Ball,

@@ -14,7 +14,7 @@ from benchmarks.trials import CODE, PLATES, median, over_seeds
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.matting import Pixelwise, Smooth, solve
-from blurmatte.metrics.alpha import alpha_rmse, calibration, false_alpha
+from blurmatte.metrics import alpha_rmse, calibration, false_alpha
 from blurmatte.rendering import (
     Ball,
     Camera,

@@ -17,8 +17,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
-from blurmatte.metrics.alpha import calibration, false_alpha
-from blurmatte.metrics.motion import trajectory_iou
+from blurmatte.metrics import calibration, false_alpha, trajectory_iou
 from blurmatte.scenes import ProgramAnswer, score
 from blurmatte.scenes.score import Truth
 from blurmatte.sweep import Sweep

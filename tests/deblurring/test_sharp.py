@@ -13,7 +13,7 @@ from blurmatte.deblurring.compressed import linearized
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.sharp import affordable
 from blurmatte.deblurring.view import View
-from blurmatte.metrics.motion import subframe_psnr
+from blurmatte.metrics import subframe_psnr
 from blurmatte.rendering import Camera
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep.model.path import BOUNCE, CUBIC, FROM_REST, PARABOLA

@@ -19,7 +19,7 @@ from blurmatte.deblurring.refine import explained, scores
 from blurmatte.deblurring.spin import harmonics
 from blurmatte.deblurring.spin_search import Search, rotation_grid
 from blurmatte.deblurring.view import View
-from blurmatte.metrics.motion import subframe_psnr
+from blurmatte.metrics import subframe_psnr
 from blurmatte.rendering import Camera
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import textured_plate

@@ -11,7 +11,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.matting import Smooth, solve
 from blurmatte.matting.evidence import FirstEstimate, evidence_of, pixels_of
 from blurmatte.matting.light_priors import _along_line, with_brightness, with_mixture
-from blurmatte.metrics.alpha import calibration
+from blurmatte.metrics import calibration
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene
 from blurmatte.rendering.flat_bodies import Sheet

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.metrics.alpha import (
+from blurmatte.metrics import (
     Calibration,
     alpha_gradient_error,
     alpha_rmse,

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.metrics.color import (
+from blurmatte.metrics import (
     ColorDistance,
     color_distance,
     premultiplied_rmse,

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 
-from blurmatte.metrics.motion import subframe_psnr, subframe_ssim, trajectory_iou
+from blurmatte.metrics import subframe_psnr, subframe_ssim, trajectory_iou
 from blurmatte.trajectory import Trajectory
 
 ARC = Trajectory.arc((10, 20), (40, 8), (70, 25))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from blurmatte import metrics
 from blurmatte.checks import Floats, check_kind, check_same_size
 from blurmatte.errors import FileError
 from blurmatte.files.models import read_path
@@ -13,21 +14,6 @@ from blurmatte.files.reading import read, read_layer
 from blurmatte.files.solutions import read_solution
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
-from blurmatte.metrics.alpha import (
-    alpha_gradient_error,
-    alpha_rmse,
-    alpha_sad,
-    alpha_sum_bias,
-    calibration,
-    false_alpha,
-)
-from blurmatte.metrics.color import (
-    ColorDistance,
-    color_distance,
-    premultiplied_rmse,
-    recomposite_psnr,
-)
-from blurmatte.metrics.motion import subframe_psnr, subframe_ssim, trajectory_iou
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.trajectory import Trajectory
@@ -244,17 +230,19 @@ def score(answer: ProgramAnswer | None, truth: Truth) -> Score:
     iou, psnr, ssim = _motion_scores(given, truth)
     return Score(
         answered=answer is not None,
-        alpha_rmse=alpha_rmse(layer.alpha, true.alpha),
-        alpha_sad=alpha_sad(layer.alpha, true.alpha),
-        alpha_gradient_error=alpha_gradient_error(layer.alpha, true.alpha),
-        alpha_sum_bias=alpha_sum_bias(layer.alpha, true.alpha),
-        false_alpha=false_alpha(layer.alpha, true.alpha),
+        alpha_rmse=metrics.alpha_rmse(layer.alpha, true.alpha),
+        alpha_sad=metrics.alpha_sad(layer.alpha, true.alpha),
+        alpha_gradient_error=metrics.alpha_gradient_error(layer.alpha, true.alpha),
+        alpha_sum_bias=metrics.alpha_sum_bias(layer.alpha, true.alpha),
+        false_alpha=metrics.false_alpha(layer.alpha, true.alpha),
         premultiplied_rmse=(
-            None if given.alpha_only else premultiplied_rmse(layer.premultiplied, true)
+            None if given.alpha_only else metrics.premultiplied_rmse(layer.premultiplied, true)
         ),
         color_units=color.units if color else None,
         color_degrees=color.degrees if color else None,
-        recomposite_psnr=None if given.alpha_only else recomposite_psnr(layer, true, mirrored),
+        recomposite_psnr=None
+        if given.alpha_only
+        else metrics.recomposite_psnr(layer, true, mirrored),
         alpha_spread=_alpha_spread(given, truth),
         trajectory_iou=iou,
         subframe_psnr=psnr,
@@ -357,13 +345,13 @@ def _averaged(name: str, scores: Sequence[Score]) -> list[float]:
     return known + [0.0] * missing
 
 
-def _color_distance(layer: Layer, true: Layer) -> ColorDistance | None:
+def _color_distance(layer: Layer, true: Layer) -> metrics.ColorDistance | None:
     """Distance between mean colors; None if the answer has no light on the streak."""
     streak = true.alpha > 0
     found, real = (part.premultiplied[streak].sum(axis=0, dtype=float) for part in (layer, true))
     if not found.any():
         return None
-    return color_distance(found, real / true.alpha[streak].sum(dtype=float))
+    return metrics.color_distance(found, real / true.alpha[streak].sum(dtype=float))
 
 
 def _alpha_spread(answer: ProgramAnswer, truth: Truth) -> float | None:
@@ -373,14 +361,14 @@ def _alpha_spread(answer: ProgramAnswer, truth: Truth) -> float | None:
     seen = solution.known & (truth.layer.alpha > 0)
     if not seen.any():
         return None
-    return calibration(solution.alpha, solution.alpha_std, truth.layer.alpha, seen).spread
+    return metrics.calibration(solution.alpha, solution.alpha_std, truth.layer.alpha, seen).spread
 
 
 def _motion_scores(
     answer: ProgramAnswer, truth: Truth
 ) -> tuple[float | None, float | None, float | None]:
     path = answer.trajectory
-    iou = trajectory_iou(path, truth.trajectory, truth.radius) if path else None
+    iou = metrics.trajectory_iou(path, truth.trajectory, truth.radius) if path else None
     if answer.subframes is None:
         return iou, None, None
     if len(answer.subframes) != len(truth.subframes):
@@ -393,7 +381,7 @@ def _motion_scores(
         for frames in (answer.subframes, truth.subframes)
     )
     plate = _coded(truth.plate.crop(box).rgb)
-    return iou, subframe_psnr(found, true, plate), subframe_ssim(found, true, plate)
+    return iou, metrics.subframe_psnr(found, true, plate), metrics.subframe_ssim(found, true, plate)
 
 
 def _coded(light: Floats) -> Floats:
