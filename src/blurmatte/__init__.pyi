@@ -20,8 +20,8 @@ from blurmatte.background.fit_match import match_plate as match_plate
 from blurmatte.background.plate import make_plate as make_plate
 from blurmatte.color.model import ColorModel as ColorModel
 from blurmatte.clips.saving import save_clip as save_clip
-from blurmatte.compositing.background import remove as remove
-from blurmatte.compositing.background import retouch as retouch
+from blurmatte.compositing import remove as remove
+from blurmatte.compositing import retouch as retouch
 from blurmatte.deblurring import deblur as deblur
 from blurmatte.errors import BlurmatteError as BlurmatteError
 from blurmatte.explain import explain as explain

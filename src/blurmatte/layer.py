@@ -16,6 +16,7 @@ from blurmatte.checks import (
     Array,
     Box,
     Floats,
+    Floats32,
     box_of,
     check_box,
     check_kind,
@@ -336,15 +337,20 @@ class Layer(Displayed):
                 f"a scale of {scale:g} makes the object {size[0]:.6g} x {size[1]:.6g} pixels; give a "
                 "smaller one"
             )
-        import OpenImageIO as oiio
-
-        numbers = np.dstack([self.premultiplied, self.alpha]).astype(np.float32)
-        roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 4)
-        # A filter without negative lobes: no ringing.
-        scaled = oiio.ImageBufAlgo.resize(oiio.ImageBuf(numbers), "blackman-harris", roi=roi)
-        pixels = np.asarray(scaled.get_pixels(oiio.FLOAT))
+        pixels = resized(np.dstack([self.premultiplied, self.alpha]), size)
         light = np.ascontiguousarray(pixels[..., :3]).astype(self.premultiplied.dtype)
         return Layer(pixels[..., 3].astype(self.alpha.dtype), light)
+
+
+def resized(pixels: Floats, size: Sequence[int]) -> Floats32:
+    """An array (h, w, 4) in another size (width, height), averaged or interpolated."""
+    import OpenImageIO as oiio
+
+    source = oiio.ImageBuf(np.ascontiguousarray(pixels, np.float32))
+    roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 4)
+    # A filter without negative lobes: no ringing.
+    scaled = oiio.ImageBufAlgo.resize(source, "blackman-harris", roi=roi)
+    return np.asarray(scaled.get_pixels(oiio.FLOAT))
 
 
 def empty_layer(size: tuple[int, int]) -> Layer:

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from tests.scenes import rendered
 
 from blurmatte.background import Match
-from blurmatte.compositing import cover, light_gain, long_exposure, stack
-from blurmatte.compositing.background import remove, retouch
+from blurmatte.compositing import cover, light_gain, long_exposure, remove, retouch, stack
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LinearImage, NoiseModel
