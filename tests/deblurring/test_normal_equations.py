@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.normal_equations import gradient_prior, posterior, summed
-from blurmatte.deblurring.priors import fit_gaussian, fit_strength
+from blurmatte.deblurring.normal_equations import posterior, summed
+from blurmatte.deblurring.priors import fit_gaussian, fit_strength, gradient_prior
 from blurmatte.deblurring.view import View
 
 
@@ -40,7 +40,7 @@ def test_prior_is_the_sum_of_squared_differences(problem):
     rng = np.random.default_rng(0)
     o = rng.normal(size=lattice.size)
     Q = dense(gradient_prior(lattice, problem[4].width))
-    i, j = lattice.edges.T
+    i, j = lattice.stencils[0].nodes.T
     assert_allclose(o @ Q @ o, np.sum((o[i] - o[j]) ** 2))
 
 
@@ -52,7 +52,7 @@ def test_mean_and_variance_are_those_of_the_dense_inverse(problem):
         covariance = np.linalg.inv(dense(equations.band[c] + prior))
         assert_allclose(normal.mean[:, c], covariance @ equations.right[c], rtol=1e-7)
         assert_allclose(normal.variances()[:, c], np.diag(covariance), rtol=1e-7)
-        i, j = lattice.edges.T
+        i, j = lattice.stencils[0].nodes.T
         assert_allclose(normal.covariance_band()[c, i, j - i], covariance[i, j], rtol=1e-6)
 
 

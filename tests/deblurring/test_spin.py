@@ -12,9 +12,8 @@ from tests.scenes import noisy, photographed, rendered
 import blurmatte as bm
 from blurmatte.deblurring import sphere_kernel, spin_fit
 from blurmatte.deblurring.lattice import Lattice, Sphere
-from blurmatte.deblurring.normal_equations import gradient_prior
 from blurmatte.deblurring.operator import poses_of
-from blurmatte.deblurring.priors import fit_strength
+from blurmatte.deblurring.priors import fit_strength, gradient_prior
 from blurmatte.deblurring.refine import explained, scores
 from blurmatte.deblurring.spin import harmonics
 from blurmatte.deblurring.spin_search import Search, rotation_grid
@@ -72,9 +71,9 @@ def test_the_faces_of_a_sphere_share_the_nodes_of_their_edges():
     sphere = Sphere.of(8.0, 1.5)
     cells = sphere.node.shape[1] - 1
     assert sphere.size == 6 * cells**2 + 2
-    assert len(sphere.edges) == 12 * cells**2
+    assert len(sphere.stencils[0].nodes) == 12 * cells**2
     assert_allclose(np.linalg.norm(sphere.points, axis=1), 1)
-    i, j = sphere.edges.T
+    i, j = sphere.stencils[0].nodes.T
     assert 8 * np.linalg.norm(sphere.points[i] - sphere.points[j], axis=1).max() < 1.5
 
 

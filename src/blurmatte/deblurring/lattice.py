@@ -119,21 +119,16 @@ class Lattice(Surface):
         return int(self.node.max()) + 1
 
     @cached_property
-    def edges(self) -> Indices:
-        """(m, 2) indices of neighbors in rows and columns, the smaller first."""
-        node = self.node
-        return _neighbors((node[:, :-1], node[:, 1:]), (node[:-1], node[1:]))
-
-    @property
     def stencils(self) -> tuple[Stencil, ...]:
-        """Differences of first and of second order."""
+        """Differences of first and of second order, in rows and columns."""
         node = self.node
+        neighbors = _neighbors((node[:, :-1], node[:, 1:]), (node[:-1], node[1:]))
         rows = node[:, :-2], node[:, 1:-1], node[:, 2:]
         columns = node[:-2], node[1:-1], node[2:]
         square = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
         line = np.concatenate([_inside(*rows), _inside(*columns)])
         mixed = Stencil(_inside(*square), np.sqrt(2) * np.array([1.0, -1.0, -1.0, 1.0]))
-        return _first(self.edges), Stencil(line, np.array([1.0, -2.0, 1.0])), mixed
+        return _first(neighbors), Stencil(line, np.array([1.0, -2.0, 1.0])), mixed
 
     def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
         """A (pixels, nodes)."""
@@ -230,16 +225,11 @@ class Sphere(Surface):
         return self.size + HARMONICS
 
     @cached_property
-    def edges(self) -> Indices:
-        """(m, 2) indices of neighbors, the smaller first."""
-        node = self.node
-        both = _neighbors((node[:, :-1], node[:, 1:]), (node[..., :-1], node[..., 1:]))
-        return np.unique(both, axis=0)  # faces share edges
-
-    @property
     def stencils(self) -> tuple[Stencil, ...]:
         """Differences of first order alone: the cells are not square."""
-        return (_first(self.edges),)
+        node = self.node
+        both = _neighbors((node[:, :-1], node[:, 1:]), (node[..., :-1], node[..., 1:]))
+        return (_first(np.unique(both, axis=0)),)  # faces share edges
 
     def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
         """A (pixels, unknowns): nodes turn with the ball, columns of colored light do not."""

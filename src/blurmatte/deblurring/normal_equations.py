@@ -53,13 +53,8 @@ class Nodes(ABC):
 
     @property
     @abstractmethod
-    def edges(self) -> Indices:
-        """(m, 2) indices of neighbors, the smaller first."""
-
-    @property
-    @abstractmethod
     def stencils(self) -> tuple[Stencil, ...]:
-        """Differences that a prior makes small: first those of first order, then others."""
+        """Differences that a prior makes small: first those of neighbors, then of second order."""
 
     @abstractmethod
     def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
@@ -130,9 +125,8 @@ class NormalEquations:
 
 def bandwidth(A: Sparse, lattice: Nodes) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
-    edges = lattice.edges
-    apart = int((edges[:, 1] - edges[:, 0]).max())
-    return max(int(width_of(A.indptr, A.indices)), apart)
+    apart = np.ptp(lattice.stencils[0].nodes, axis=1).max()
+    return max(int(width_of(A.indptr, A.indices)), int(apart))
 
 
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
@@ -218,14 +212,6 @@ def posterior(equations: NormalEquations, prior: Array) -> Normal:
     factors = np.stack([cholesky_of(band + prior) for band in equations.band])
     found = Normal(np.empty(0), factors)
     return replace(found, mean=found.solve(equations.right[..., None])[..., 0].T)
-
-
-def gradient_prior(lattice: Nodes, width: int) -> Array:
-    """The band (n, width) of Q: oᵀ Q o = Σ (oᵢ − oⱼ)² over the edges of a lattice."""
-    band, (i, j) = np.zeros((lattice.unknowns, width)), lattice.edges.T
-    band[:, 0] = np.bincount(lattice.edges.ravel(), minlength=lattice.unknowns)
-    band[i, j - i] = -1
-    return band
 
 
 @njit(fastmath=True)

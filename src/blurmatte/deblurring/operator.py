@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Ints32, Ints64
+from blurmatte.checks import AnyArray, Array, Ints32, Ints64
 from blurmatte.deblurring import sphere_kernel
 from blurmatte.deblurring.spin import Spin
 from blurmatte.sweep.model.pixels import Pixels
@@ -89,7 +89,7 @@ def poses_of(
     return Poses(t, durations, xy, maps, spin or Spin(np.zeros(3)))
 
 
-def sparse(rows: tuple[Array, Array, Array], columns: int) -> Sparse:
+def sparse(rows: tuple[AnyArray, AnyArray, Array], columns: int) -> Sparse:
     """The matrix of compressed sparse rows of a kernel."""
     first, column, values = rows
     return scipy.sparse.csr_matrix((values, column, first), shape=(len(first) - 1, columns))

@@ -50,7 +50,6 @@ from blurmatte.deblurring.normal_equations import (
     NormalEquations,
     Stencil,
     cholesky_of,
-    gradient_prior,
     inverse_band,
     posterior,
 )
@@ -176,6 +175,11 @@ class GaussianFit:
     strength: float
     noise_scale: float
     log_evidence: float
+
+
+def gradient_prior(lattice: Nodes, width: int) -> Array:
+    """The band (n, width) of Q: oᵀ Q o = Σ (oᵢ − oⱼ)² over neighbors."""
+    return Differences(lattice.unknowns, lattice.stencils[:1]).bands(width)[0]
 
 
 def fit_gaussian(equations: NormalEquations, lattice: Nodes) -> GaussianFit:

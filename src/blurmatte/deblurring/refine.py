@@ -32,9 +32,15 @@ import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.lattice import Lattice, Secant, Surface
-from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
+from blurmatte.deblurring.normal_equations import NormalEquations, summed
 from blurmatte.deblurring.operator import Blur
-from blurmatte.deblurring.priors import GaussianFit, fit_gaussian, fit_strength, refit_strength
+from blurmatte.deblurring.priors import (
+    GaussianFit,
+    fit_gaussian,
+    fit_strength,
+    gradient_prior,
+    refit_strength,
+)
 from blurmatte.deblurring.view import View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.statistics import scaled_inverse

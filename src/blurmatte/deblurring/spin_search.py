@@ -136,9 +136,9 @@ class Search:
     @cached_property
     def prior(self) -> Array:
         """(n, n) upper triangle of Q."""
-        edges, n = self.sphere.edges, self.sphere.size
-        Q = np.diag(np.bincount(edges.ravel(), minlength=n).astype(float))
-        Q[edges[:, 0], edges[:, 1]] = -1
+        neighbors, n = self.sphere.stencils[0].nodes, self.sphere.size
+        Q = np.diag(np.bincount(neighbors.ravel(), minlength=n).astype(float))
+        Q[neighbors[:, 0], neighbors[:, 1]] = -1
         return Q
 
     @cached_property

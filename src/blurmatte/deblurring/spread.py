@@ -25,7 +25,8 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats, check_kind, check_map, rows_columns
-from blurmatte.deblurring.operator import Sparse, sparse
+from blurmatte.deblurring.operator import Poses, Sparse, seen_moments, sparse
+from blurmatte.deblurring.spin import Spin
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import PointSpread
@@ -239,22 +240,16 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
 
 def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     """G (pixels, parts), middles of the parts (parts, 2), and their distances from the start."""
-    from blurmatte.deblurring import operator_kernel  # loads scipy.special
-
     path, pixels = sweep.trajectory, Pixels.of_box(sweep.box)
     steps = np.linalg.norm(np.diff(path.xy, axis=0), axis=1)
     length = np.concatenate([[0], np.cumsum(steps)]) + 1e-9 * path.t  # increases also at rest
     each = max(1, int(np.ceil(sweep.length / parts / _STEP_PX)))
     position = sweep.length * (np.arange(parts * each) + 0.5) / (parts * each)
     t = np.interp(position, length, path.t)
-    maps, rim = sweep.silhouette.map_at(sweep.shape, t), sweep.silhouette.rim(sweep.shape)
-    xy = path.at(t)
-    offset = xy - np.array(pixels.origin)
-    first, moment, part = operator_kernel.covered_moments(
-        offset, maps, rim, sweep.softness, pixels.shape
-    )
-    columns = moment // each
-    G = sparse((first, columns, part / each), parts)
+    xy, maps = path.at(t), sweep.silhouette.map_at(sweep.shape, t)
+    poses = Poses(t, np.full(len(t), 1 / len(t)), xy, maps, Spin(np.zeros(3)))
+    first, moment, part = seen_moments(sweep, pixels, poses).covered
+    G = sparse((first, moment // each, part / each), parts)
     return G, xy.reshape(parts, each, 2).mean(axis=1), position.reshape(parts, each).mean(axis=1)
 
 
