@@ -194,29 +194,23 @@ class _Detector:
             number = index if self.numbers is None else self.numbers[index]
             time = _time_in(frames, index - first) if frame is None else frame.time
             time = time if self.rate is None else number / self.rate
-            if frame is None:
-                found.append(FrameSightings(number, time, (), "it cannot be decoded"))
-            else:
-                found.append(self._found(frames, frame, index, number, time))
+            one = FrameSightings(number, time, (), "it cannot be decoded")
+            found.append(one if frame is None else self._found(frames, frame, index, one))
         return found
 
     def _found(
-        self,
-        frames: Sequence[LinearImage],
-        frame: CodedFrame,
-        index: int,
-        number: int,
-        time: float | None,
+        self, frames: Sequence[LinearImage], frame: CodedFrame, index: int, empty: FrameSightings
     ) -> FrameSightings:
+        """The frame with its detections, from one without any."""
         try:
             scene = self.scene.at(frames, frame, index)
         except PlateError as error:  # it is not registered
-            return FrameSightings(number, time, (), str(error))
+            return replace(empty, reason=str(error))
         color = self.color if scene is self.scene else scene.filter(frame, self.model)
         own = replace(self, scene=scene, color=color)
-        return own._detected(number, time, list(scene.crops(frame, scene.boxes(frame, index))))
+        return own._detected(empty, list(scene.crops(frame, scene.boxes(frame, index))))
 
-    def _detected(self, number: int, time: float | None, crops: Sequence[Crop]) -> FrameSightings:
+    def _detected(self, empty: FrameSightings, crops: Sequence[Crop]) -> FrameSightings:
         parts = self._parts(crops)
         found, reasons, rest = [], [], deque(parts)
         single = self.color is not None and not self.several
@@ -224,7 +218,7 @@ class _Detector:
         while rest:
             crop, streak = rest.popleft()
             try:
-                one = _measured(crop.image, crop.plate, streak, self.model, inflation)
+                one = _measured(crop, streak, self.model, inflation)
                 in_frame = replace(one.measured.shifted(*crop.box[:2]), size=self.scene.plate.size)
                 found.append(replace(one, measured=in_frame))
             except BlurmatteError as error:
@@ -233,9 +227,8 @@ class _Detector:
                 break
         if not parts:
             reasons = [NOTHING_MOVED if self.color is None or not crops else NO_COLOR]
-        return FrameSightings(
-            number, time, tuple(found), "; ".join(dict.fromkeys(reasons)), len(rest)
-        )
+        why = "; ".join(dict.fromkeys(reasons))
+        return replace(empty, found=tuple(found), reason=why, unmeasured=len(rest))
 
     def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:
         """The strongest streaks of all crops that may be the object's, the strongest first."""
@@ -268,19 +261,19 @@ def _time_in(frames: Sequence[LinearImage], at: int) -> float | None:
     return frames.times[frames.numbers[at]]
 
 
-def _measured(
-    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel, inflation: float
-) -> Sighting:
+def _measured(crop: Crop, streak: Streak, model: ColorModel, inflation: float) -> Sighting:
     """Detection from a fitted disc, or from moments, whose errors are multiplied by `inflation`."""
+    image, plate = crop.image, crop.plate
     known = plate.valid[streak.rows_columns][streak.mask[streak.rows_columns]]
     if np.mean(known) < _MIN_PLATE_FRACTION:
         raise MotionError("most of the streak lies where the plate is not known")
     if model.rank == 1:
         shadow = shadow_around(image, plate, streak, model.pole)
         image = replace(image, valid=image.valid & ~shadow)
+        crop = replace(crop, image=image)
         streak = replace(streak, mask=streak.mask & ~shadow)
     sweep = fit_disc(image, plate, streak, model)
-    light = _motion_of_source(sweep, image, plate, streak, model)
+    light = _motion_of_source(sweep, crop, streak, model)
     if not sweep.rejection and light is None:
         motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
         return _sighting(motion, streak, replace(model, mean=sweep.model.mean), sweep)
@@ -290,14 +283,12 @@ def _measured(
         )
     if light is not None:
         return _sighting(light, streak, model, sweep)
-    motion, model = _motion_of_pixels(image, plate, streak, model)
+    motion, model = _motion_of_pixels(crop, streak, model)
     motion = replace(motion, covariance=inflation**2 * motion.covariance)
     return _sighting(motion, streak, model, sweep)
 
 
-def _motion_of_source(
-    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
-) -> Motion | None:
+def _motion_of_source(sweep: Sweep, crop: Crop, streak: Streak, model: ColorModel) -> Motion | None:
     """Motion from the moments of added light, of a source of light that a sweep does not explain.
 
     Nor does it if it is elsewhere than the light: a change of its speed looks like one of brightness.
@@ -307,7 +298,7 @@ def _motion_of_source(
     if model.rank > 1 or mean is None or mean.max() <= MAX_LIGHT:
         return None
     try:
-        light = motion_of_added_light(image, plate, streak.mask, model.basis[:, 0])
+        light = motion_of_added_light(crop.image, crop.plate, streak.mask, model.basis[:, 0])
     except MotionError:
         return None
     if sweep.rejection:
@@ -319,34 +310,27 @@ def _motion_of_source(
     return light if apart > chi_square_quantile(_AGREEMENT, 2) else None
 
 
-def _motion_of_pixels(
-    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
-) -> tuple[Motion, ColorModel]:
+def _motion_of_pixels(crop: Crop, streak: Streak, model: ColorModel) -> tuple[Motion, ColorModel]:
     """Motion from the moments of alpha around a streak, in the whole picture; the colors seen.
 
     From those of the added light if alpha is not determined in most of the streak.
     """
     x0, y0, x1, y1 = box = streak.around(_MARGIN)
+    image, plate = crop.image.crop(box), crop.plate.crop(box)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BlurmatteWarning)
         solution = solve(
-            image.crop(box),
-            plate.crop(box),
-            model,
-            Pixelwise(),
+            *(image, plate, model, Pixelwise()),
             streak=Streak(streak.mask[y0:y1, x0:x1]),
             matching=Matching.NONE,
         )
     known = np.mean(solution.known[solution.streak])
     if model.rank == 1 and known < _MIN_KNOWN_FRACTION:
-        motion = motion_of_added_light(
-            image.crop(box), plate.crop(box), solution.streak, model.basis[:, 0]
-        )
+        motion = motion_of_added_light(image, plate, solution.streak, model.basis[:, 0])
     else:
         motion = motion_of_alpha(solution)
-    motion = motion.shifted(x0, y0)
     doubts = motion.doubts + tuple(str(warning.message) for warning in caught)
-    motion = replace(motion, size=image.size, doubts=doubts)
+    motion = replace(motion.shifted(x0, y0), size=crop.image.size, doubts=doubts)
     return motion, solution.model
 
 
