@@ -19,7 +19,7 @@ from blurmatte.motion.picture.error_budget import check_with_std
 from blurmatte.motion.space.ball import fit_ball
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.radiometry import LinearImage, Noise, check_picture
-from blurmatte.radiometry.coded import CodedSequence, each_coded
+from blurmatte.radiometry.coded import each_coded
 from blurmatte.sweep.model.path import LINE
 
 
@@ -81,7 +81,8 @@ def fit_balls(
     groups = groupby(rows, lambda row: row.frame)
     by_frame = (tuple(row.sighting for row in group) for _, group in groups)
     with shared(workers) as processes:
-        tasks = zip(_each(frames), by_frame, strict=False)
+        lights = (frame and frame.light() for frame in each_coded(frames))
+        tasks = zip(lights, by_frame, strict=False)
         yield from chain.from_iterable(processes.in_order(fit, tasks))
 
 
@@ -132,15 +133,6 @@ class _BallFitter:
             return fit_ball(image, plate, self.intrinsics, radius, radius_std=std, sweep=start)
         except BlurmatteError:
             return None
-
-
-def _each(frames: Sequence[LinearImage]) -> Iterator[LinearImage | None]:
-    """Each of the frames, in order; None for one that cannot be decoded."""
-    if not isinstance(frames, CodedSequence):
-        yield from frames
-        return
-    for frame in each_coded(frames):
-        yield None if frame is None else frame.light()
 
 
 def _may_be_ball(one: Sighting | None) -> bool:
