@@ -23,6 +23,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
@@ -143,7 +144,7 @@ class Workers:
             As in `in_order`.
         """
         if isinstance(frames, CodedSequence):
-            return self.outcomes(_OfClip(frames, work), parts, waiting)
+            return self.outcomes(partial(_on_part, frames, work), parts, waiting)
         return self.outcomes(work, ((frames[which], *more) for which, *more in parts), waiting)
 
     def outcomes(
@@ -176,10 +177,9 @@ class Workers:
             try:
                 return one.future.result()
             except concurrent.futures.BrokenExecutor as error:
-                if one.attempt >= MAX_ATTEMPTS or self._executor is not None:
-                    self._pool = None
-                    return Failure(one.task, error)
                 self._pool = None
+                if one.attempt >= MAX_ATTEMPTS or self._executor is not None:
+                    return Failure(one.task, error)
                 again = [replace(one, attempt=one.attempt + 1), *pending]
                 pending.clear()
                 pending.extend(
@@ -289,15 +289,9 @@ def _attempted(work: Callable[..., Result], task: tuple[Any, ...]) -> Result | F
         return Failure(task, error)
 
 
-@dataclass(frozen=True, eq=False)
-class _OfClip:
-    """A work on parts of a clip."""
-
-    frames: Any  # a CodedSequence
-    work: Callable[..., Any]
-
-    def __call__(self, which: slice, *more: Any) -> Any:
-        return self.work(self.frames[which], *more)
+def _on_part(frames: Any, work: Callable[..., Any], which: slice, *more: Any) -> Any:
+    """The result of a work on a part of a clip."""
+    return work(frames[which], *more)
 
 
 def spread_out(items: Sequence[T], count: int, starts: Iterable[float]) -> Iterator[Sequence[T]]:
