@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
 from blurmatte.background import Matching
 from blurmatte.background.registration import CameraPath
-from blurmatte.checks import Array, Bools, Box, check_kind, enclosing
+from blurmatte.checks import Array, Box, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.case import Solver
@@ -40,6 +41,8 @@ SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a
 _STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between these
 _MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
+# What a work finds in some frames, each given alone
+_Each = Callable[[Callable[..., Any], "Sequence[FrameToSolve]"], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,6 +345,11 @@ def wanted_frames(
     color_found : bool
         The color was found and not given: frames without the object may be solved alone.
     """
+
+    def each(work: Callable[..., Any], some: Sequence[FrameToSolve]) -> Iterator[Any]:
+        """What a work finds in some frames, each given alone."""
+        return successes(workers.over(frames, work, parts_to_solve(some)))
+
     index_of = {number: index for index, number in enumerate(numbers)}
     wanted, objects = list[FrameToSolve](), dict[int, list[FrameToSolve]]()
     for row in rows_to_solve(rows, color_found):
@@ -355,51 +363,39 @@ def wanted_frames(
     for mine in objects.values():
         priors, used = priors_of([one.row for one in mine], delay_std)
         found = [replace(one, prior=prior) for one, prior in zip(mine, priors, strict=True)]
-        found = _stretched(frames, found, used, solver, workers)
-        known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
+        known = [k for k, one in enumerate(found) if used[k] and one.prior is not None]
+        found = _stretched(found, [found[k] for k in known], solver, each)
         mistake = mistake_probability([one.row.sighting for one in mine if one.row.sighting])
-        is_disc, has_shape = _decided(frames, known, mistake, solver, workers)
+        is_disc, has_shape = _decided([found[k] for k in known], mistake, solver, each)
         wanted += [one.shaped(is_disc) for one in found] if has_shape else found
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
 
 
 def _stretched(
-    frames: Sequence[LinearImage],
-    found: Sequence[FrameToSolve],
-    used: Bools,
-    solver: FrameSolver,
-    workers: Workers,
+    found: list[FrameToSolve], known: Sequence[FrameToSolve], solver: FrameSolver, each: _Each
 ) -> list[FrameToSolve]:
     """Frames with the stretch by the camera, if a rolling shutter is decisively likelier than none.
 
     It is measured in frames that agree with the path, in more of them while it is likelier, and then in
     all.
     """
-
-    def measured(some: Sequence[FrameToSolve]) -> list[Stretch | None]:
-        """Stretches in single frames."""
-        return list(successes(workers.over(frames, solver.stretch, parts_to_solve(some))))
-
-    known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
     pairs, shutter = [], RollingShutter()
     seen = [one.row.sighting for one in known if one.row.sighting is not None]
     readout = seen[0].motion.readout if seen else "down"  # of all frames of a clip
     for some in spread_out(known, STRETCH_FRAMES, _STARTS):
-        pairs += [(x, w.displacement) for x, w in zip(measured(some), some, strict=True) if x]
+        stretches = zip(each(solver.stretch, some), some, strict=True)
+        pairs += [(x, one.displacement) for x, one in stretches if x]
         shutter = RollingShutter.of(pairs, readout)
         if shutter.is_decisive or shutter.log_odds < 0:
             break
     if not shutter.is_decisive:
-        return list(found)
-    return [one.stretched(shutter, x) for one, x in zip(found, measured(found), strict=True)]
+        return found
+    stretches = zip(each(solver.stretch, found), found, strict=True)
+    return [one.stretched(shutter, x) for x, one in stretches]
 
 
 def _decided(
-    frames: Sequence[LinearImage],
-    known: Sequence[FrameToSolve],
-    mistake_probability: float,
-    solver: FrameSolver,
-    workers: Workers,
+    known: Sequence[FrameToSolve], mistake_probability: float, solver: FrameSolver, each: _Each
 ) -> tuple[bool, bool]:
     """Whether frames that may mislead are decisive for a disc, and for a shape.
 
@@ -408,8 +404,7 @@ def _decided(
     odds: list[tuple[float, float]] = []
     total = np.zeros(2)
     for some in spread_out(known, SILHOUETTE_FRAMES, _STARTS):
-        found = successes(workers.over(frames, solver.silhouette_odds, parts_to_solve(some)))
-        odds += [one for one in found if one is not None]
+        odds += [one for one in each(solver.silhouette_odds, some) if one is not None]
         total = pooled_log_odds(odds, mistake_probability)
         if np.all(np.abs(total) > DECISIVE_LOG_BAYES_FACTOR):
             break
@@ -424,9 +419,9 @@ def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> 
     if inside:
         return inside[0]
     reach = 2 * sighting.motion.radius + sighting.motion.length / 2 + 32
-    corner = np.maximum(np.floor([x - reach, y - reach]), 0).astype(int)
-    end = np.minimum(np.ceil([x + reach, y + reach]), size).astype(int)
-    return int(corner[0]), int(corner[1]), int(end[0]), int(end[1])
+    x0, y0 = np.maximum(np.floor([x - reach, y - reach]), 0).astype(int).tolist()
+    x1, y1 = np.minimum(np.ceil([x + reach, y + reach]), size).astype(int).tolist()
+    return x0, y0, x1, y1
 
 
 def _start(
