@@ -145,21 +145,17 @@ class Estimate:
 @lru_cache(maxsize=1024)
 def transition(step: float, order: int, axes: int) -> Array:
     """F, (p a, p a)."""
-    F = np.zeros((order, order))
-    for i in range(order):
-        for j in range(i, order):
-            F[i, j] = step ** (j - i) / factorial(j - i)
+    F = sum(step**k / factorial(k) * np.eye(order, k=k) for k in range(order))
     return np.asarray(np.kron(F, np.eye(axes)), float)
 
 
 @lru_cache(maxsize=1024)
 def diffusion(step: float, order: int, axes: int) -> Array:
     """Covariance of w for q = 1, (p a, p a)."""
-    Q = np.zeros((order, order))
-    for i in range(order):
-        for j in range(order):
-            a, b = order - 1 - i, order - 1 - j
-            Q[i, j] = step ** (a + b + 1) / ((a + b + 1) * factorial(a) * factorial(b))
+    left = np.arange(order)[::-1]  # derivatives from each to the noise
+    power = 1 + left[:, None] + left
+    times = scipy.special.factorial(left)
+    Q = step**power / (power * np.outer(times, times))
     return np.asarray(np.kron(Q, np.eye(axes)), float)
 
 
