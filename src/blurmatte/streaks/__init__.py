@@ -6,7 +6,6 @@ from blurmatte.streaks.find import find_streaks as find_streaks
 from blurmatte.streaks.find import merge_across_occluder as merge_across_occluder
 from blurmatte.streaks.find import require_streaks as require_streaks
 from blurmatte.streaks.find import without_faint as without_faint
-from blurmatte.streaks.gate import FrameChange as FrameChange
 from blurmatte.streaks.gate import Gate as Gate
 from blurmatte.streaks.streak import Streak as Streak
 from blurmatte.streaks.streak import check_streak as check_streak

@@ -25,7 +25,7 @@ CELL = 2  # pixels: half resolution
 
 # Thresholds of the differences, and the boxes around what moved.
 _BLOCK_CELLS = BLOCK // CELL
-_STRIP_CELLS = 256  # rows that are compared at a time: whole blocks
+_STRIP_CELLS = 256  # rows that are compared at a time, of all samples: whole blocks
 _MAX_STD = 5.0  # of d without motion
 _MIN_CELL_CODES = 3.0  # |d|: video rounds a block up or down by a few codes
 _MIN_BLOCK_CODES = 1.5  # the same of a mean over a block
@@ -41,14 +41,6 @@ _GAIN_EVERY_CELLS = 8  # for the gain of a frame
 _MAX_GAIN_CHANGE = 0.005  # of one frame: smaller ones are noise of the median
 
 
-@dataclass(frozen=True)
-class FrameChange:
-    """What moved in one frame."""
-
-    boxes: tuple[Box, ...]  # around each part that moved, with a margin; they do not overlap
-    gain: float  # of the frame's code values over those of the plate
-
-
 @dataclass(frozen=True, eq=False)
 class Gate:
     """Table of the plate's code values, and of how far those of a frame may differ from them."""
@@ -61,17 +53,12 @@ class Gate:
 
     @classmethod
     def of(
-        cls,
-        plate: CodedFrame,
-        samples: Iterable[CodedFrame],
-        hidden: Bools | None = None,
-        strip_cells: int = _STRIP_CELLS,
+        cls, plate: CodedFrame, samples: Iterable[CodedFrame], hidden: Bools | None = None
     ) -> "Gate":
         """The gate of a plate in the code values of frames.
 
         samples: frames of which most show the plate at each place, about a dozen.
         hidden (H, W): where changes are no motion.
-        strip_cells: rows of cells in memory at a time, of all samples; whole blocks.
         """
         block = _BLOCK_CELLS
         padded = _padded(plate.planes)
@@ -88,7 +75,7 @@ class Gate:
         for c, cells in enumerate(expected):  # one at a time saves memory
             stds: tuple[list[Floats32], list[Floats32]] = [], []
             side = len(padded[c]) // len(cells)
-            for rows in _strips(len(cells), len(few), strip_cells):
+            for rows in _strips(len(cells), len(few)):
                 own, part = slice(side * rows.start, side * rows.stop), cells[rows]
                 shown = ((_summed(p[c][own], part.shape, plate.zero[c]), gain) for p, gain in few)
                 d = np.stack([summed - gain * part for summed, gain in shown])
@@ -129,8 +116,11 @@ class Gate:
             of_blocks.append(_by_contrast(gate.block_reach[c], sums, of_block, known))
         return replace(gate, cell_reach=tuple(reach), block_reach=tuple(of_blocks))
 
-    def changes(self, frame: CodedFrame) -> FrameChange:
-        """What moved in a frame; raises ValueError if it has another size."""
+    def changes(self, frame: CodedFrame) -> tuple[Box, ...]:
+        """Boxes around each part that moved in a frame, with a margin; they do not overlap.
+
+        Raises ValueError if the frame has another size.
+        """
         check_same_size("a frame", frame.size, "plate", self.size)
         planes, block = _padded(frame.planes), _BLOCK_CELLS
         gain = _gain(_few_cells(planes[0], self.zero[0]), self.cells[0])
@@ -142,8 +132,7 @@ class Gate:
             count_changes(planes[c], zero, np.float32(gain), *table, block, counts, sums)
             moved |= np.abs(sums) > self.block_reach[c]
         moved |= counts >= _MIN_CELLS
-        boxes = _boxes(moved, CELL * block, self.size)
-        return FrameChange(boxes, gain)
+        return _boxes(moved, CELL * block, self.size)
 
 
 def _contrast(cells: Floats32) -> Floats32:
@@ -211,9 +200,9 @@ def _gain(few: Floats32, expected: Floats32) -> float:
     return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
 
 
-def _strips(height: int, samples: int, strip_cells: int) -> Iterator[slice]:
+def _strips(height: int, samples: int) -> Iterator[slice]:
     """Rows that are compared at a time: few frames share one median of the whole picture."""
-    rows = height if samples < _MIN_SAMPLES else strip_cells
+    rows = height if samples < _MIN_SAMPLES else _STRIP_CELLS
     return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
 
 

@@ -134,7 +134,7 @@ class StaticScene:
     def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
         """Around each part that moved in the frame with this index."""
         known = self.surveyed.get(index)
-        return self.gate.changes(frame).boxes if known is None else known
+        return self.gate.changes(frame) if known is None else known
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
         """Image and plate in boxes of a frame."""
@@ -279,5 +279,5 @@ def _changes(
     for k, frame in enumerate(each_coded(frames), first):
         if frame is not None:
             with suppress(PlateError):  # it is not registered
-                found[k] = scene.at(frames, frame, k).gate.changes(frame).boxes
+                found[k] = scene.at(frames, frame, k).gate.changes(frame)
     return found
