@@ -63,16 +63,14 @@ class Sample:
     rounding: NoiseModel  # noise of rounding to these steps
 
 
-def noise_of_frames(
-    frames: Iterable[LinearImage], still: Bools | None, most: float = _MAX_PIXELS
-) -> Sample:
-    """Differences of successive frames in at most so many pixels; see `measure_noise`."""
+def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sample:
+    """Differences of successive frames; see `measure_noise`."""
     several = iter(frames)
     first = next(several, None)
     if first is None:
         raise ValueError("frames must be two or more pictures of a still scene, got none")
     check_picture("frame 1", first)
-    rows = rows_to_measure(first, most)
+    rows = rows_to_measure(first)
     if still is not None:
         still = check_map("still", still, first.valid.shape, kinds="b")
     use = _unclipped(first, rows) & (True if still is None else still[rows][..., None])
@@ -156,9 +154,9 @@ def parts_by_light(light: Floats, each: int) -> list[Indices]:
     return np.array_split(np.argsort(light, kind="stable"), count)
 
 
-def rows_to_measure(picture: LinearImage, most: float = _MAX_PIXELS) -> Rows:
+def rows_to_measure(picture: LinearImage) -> Rows:
     """Rows to sample: all, or of pictures with more pixels bands spread over them."""
-    every = int(np.ceil(picture.valid.size / most))
+    every = int(np.ceil(picture.valid.size / _MAX_PIXELS))
     row = np.arange(len(picture.valid))
     return slice(None) if every == 1 else np.flatnonzero(row // _BAND_ROWS % every == 0)
 

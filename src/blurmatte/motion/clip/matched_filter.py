@@ -62,15 +62,11 @@ class MatchedFilter:
 
     @classmethod
     def of(
-        cls,
-        plate: LinearImage,
-        image_in: Callable[[Box], LinearImage],
-        model: ColorModel,
-        height: int = _STRIP_ROWS,
+        cls, plate: LinearImage, image_in: Callable[[Box], LinearImage], model: ColorModel
     ) -> "MatchedFilter":
         """For frames with the noise of an image, which is given in boxes; strips save memory."""
         weight = np.empty(plate.valid.shape, np.float32)
-        for rows, box, _ in _strips(plate.size, height, 0):
+        for rows, box, _ in _strips(plate.size, 0):
             part = plate.crop(box)
             weight[rows] = projection_weights(image_in(box), part, projection_vectors(part, model))
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
@@ -80,7 +76,7 @@ class MatchedFilter:
         std[std == 0] = np.inf  # far from known pixels
         white = cls(plate, model, weight, std)
         strengths, margin = [], int(_TRUNCATION_STD * _SMOOTHING_PX + 0.5)
-        for _, box, inner in _strips(plate.size, height, margin):
+        for _, box, inner in _strips(plate.size, margin):
             there = white.within(box)
             strength = there._strength(there._light(image_in(box)))
             strengths.append(np.abs(strength[inner][::4, ::4]))
@@ -128,9 +124,9 @@ class MatchedFilter:
         return [_streak(p.shape, *part) for part in parts]
 
 
-def _strips(size: tuple[int, int], rows: int, margin: int) -> Iterator[tuple[slice, Box, slice]]:
+def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, slice]]:
     """Strips of some rows, boxes with a margin of rows around them, and their rows in the boxes."""
-    width, height = size
+    (width, height), rows = size, _STRIP_ROWS
     for top in range(0, height, rows):
         end, first = min(top + rows, height), max(top - margin, 0)
         inner = slice(top - first, end - first)
