@@ -117,30 +117,10 @@ def sightings(
     [[16.3, 44.6], [33.7, 32.5], [51.0, 22.9]]
     """
     scene = scene_of(frames, plate, model, rate=rate)
+    of_frames = range(len(frames)) if numbers is None else tuple(numbers)
     with shared(workers) as processes:
-        known = frames, scene, *in_colors_of(frames, scene, model), processes
-        yield from sightings_in_scene(
-            *known, several=several, numbers=numbers, rate=rate, skip=skip
-        )
-
-
-def sightings_in_scene(
-    frames: Sequence[LinearImage],
-    scene: StaticScene,
-    model: ColorModel,
-    color: MatchedFilter | None,
-    workers: Workers,
-    *,
-    several: bool,
-    numbers: Iterable[int] | None,
-    rate: float | None = None,
-    skip: int = 0,
-) -> Iterator[FrameSightings]:
-    """As `sightings`, with what `in_colors_of` made of the model."""
-    where = numbers if numbers is None or isinstance(numbers, range) else tuple(numbers)
-    detect = _Detector(scene, model, color, where, rate, several)
-    for found in successes(workers.over(frames, detect, parts_of(frames, workers, skip))):
-        yield from found
+        colors = in_colors_of(frames, scene, model)
+        yield from Detector(scene, *colors, of_frames, rate, several).over(frames, processes, skip)
 
 
 def in_colors_of(
@@ -178,20 +158,28 @@ def scene_of(
 
 
 @dataclass(frozen=True, eq=False)
-class _Detector:
+class Detector:
     """Detects and measures the object in frames; holds the data common to all frames."""
 
     scene: StaticScene
     model: ColorModel
     color: MatchedFilter | None
-    numbers: Sequence[int] | None
+    numbers: Sequence[int]
     rate: float | None
     several: bool
 
+    def over(
+        self, frames: Sequence[LinearImage], workers: Workers, skip: int
+    ) -> Iterator[FrameSightings]:
+        """The detections in each of the frames, but for some at the beginning."""
+        for found in successes(workers.over(frames, self, parts_of(frames, workers, skip))):
+            yield from found
+
     def __call__(self, frames: Sequence[LinearImage], first: int) -> list[FrameSightings]:
+        """The detections in some frames, of which the first has this index."""
         found = []
         for index, frame in enumerate(each_coded(frames), first):
-            number = index if self.numbers is None else self.numbers[index]
+            number = self.numbers[index]
             time = _time_in(frames, index - first) if frame is None else frame.time
             time = time if self.rate is None else number / self.rate
             one = FrameSightings(number, time, (), "it cannot be decoded")

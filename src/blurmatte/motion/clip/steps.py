@@ -23,7 +23,7 @@ from blurmatte.motion.clip.color import color_in_scene, seen_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter
-from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
+from blurmatte.motion.clip.measure import Detector, in_colors_of, scene_of
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
@@ -238,13 +238,8 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
         scene = survey(frames, scene, workers)
         model = _color(clip, scene, workers)
     colors = in_colors_of(frames, scene, model)
-    new = sightings_in_scene(
-        *(frames, scene, *colors, workers),
-        several=clip.several,
-        numbers=clip.numbers,
-        rate=clip.rate,
-        skip=len(seen),
-    )
+    detector = Detector(scene, *colors, clip.numbers, clip.rate, clip.several)
+    new = detector.over(frames, workers, len(seen))
     for one in logged(new, "measuring", len(frames) - len(seen)):
         seen.append(one)
         yield one
