@@ -170,19 +170,20 @@ class FrameSolver:
         if wanted.row.sighting is None:
             moved = enclosing(self.scene.boxes(frame, wanted.index))
             (crop,) = self.scene.crops(frame, [moved])
-            return crop, self._solution(crop, None, None, None, self.solver, any_color=True)
+            of_any_color = replace(self, model=ColorModel.any())
+            return crop, of_any_color._solution(crop, None, None, None)
         crop, streak, start, prior = self._prepared(frame, wanted)
-        solver = self.solver or (Swept() if wanted.has_shape else None)
+        own = replace(self, solver=self.solver or (Swept() if wanted.has_shape else None))
         if prior is None:
-            return crop, self._solution(crop, streak, start, None, solver)
+            return crop, own._solution(crop, streak, start, None)
         with suppress(BlurmatteError):
-            solution = self._solution(crop, streak, start, prior, solver)
+            solution = own._solution(crop, streak, start, prior)
             assert solution.sweep is not None
             if solution.sweep.diagnostics.prior_probability > self.min_probability:
                 return crop, solution
         # It may have bounced; its silhouette is that of all frames.
         silhouette = prior.of_silhouette if prior.is_disc else None
-        alone = self._solution(crop, streak, None, silhouette, solver)
+        alone = own._solution(crop, streak, None, silhouette)
         reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
         return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
@@ -212,21 +213,12 @@ class FrameSolver:
         return (stretch, V) if np.all(np.linalg.eigvalsh(V) > 0) else None  # else it is not in view
 
     def _solution(
-        self,
-        crop: Crop,
-        streak: Streak | None,
-        start: Sweep | None,
-        prior: MotionPrior | None = None,
-        solver: Solver | None = None,
-        any_color: bool = False,
+        self, crop: Crop, streak: Streak | None, start: Sweep | None, prior: MotionPrior | None
     ) -> Solution:
-        """The solution with a prior, or of the crop alone; of the clip's color, or of its own."""
+        """The solution with a prior, or of the crop alone."""
         with _without_warnings():
             return solve(
-                crop.image,
-                crop.plate,
-                None if any_color else self._given,
-                solver,
+                *(crop.image, crop.plate, self._given, self.solver),
                 streak=streak,
                 matching=Matching.NONE,
                 start=start,
