@@ -150,7 +150,7 @@ def test_scores_of_pixels_sum_to_the_gradient_of_the_evidence(ball):
     )
     sphere = Sphere.of(8.0, 2.5)
     state = explained([view], sphere)
-    found = scores(state, sphere).sum(axis=0)
+    found = scores(state).sum(axis=0)
     Q = gradient_prior(sphere, state.equations.width)
     for k in (0, 5, 7, 9):  # the path, two components of the rotation, and the shading
         step = 0.01 * (np.arange(16) == k)

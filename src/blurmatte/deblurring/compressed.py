@@ -106,12 +106,12 @@ def compressed_color(
     state: ExplainedViews,
     equations: NormalEquations,
     of_channels: NormalEquations,
-    differences: Differences,
     smooth: GaussianFit,
     strengths: Array,
 ) -> tuple[Array, Array, float]:
     """The color from the posterior under independent noise and a Gaussian prior."""
-    solver = _QuadraticFit(state, equations, differences, smooth)
+    solver = _QuadraticFit(state, equations, smooth)
+    differences = solver.differences
     solver.step(differences.weights(strengths))
     for _ in range(_ROUNDS[0]):
         solver.step(differences.weights(strengths))
@@ -139,13 +139,10 @@ class _QuadraticFit:
     """The color under quadratic priors, and samples of its posterior."""
 
     def __init__(
-        self,
-        state: ExplainedViews,
-        equations: NormalEquations,
-        differences: Differences,
-        smooth: GaussianFit,
+        self, state: ExplainedViews, equations: NormalEquations, smooth: GaussianFit
     ) -> None:
-        self.state, self.equations, self.differences = state, equations, differences
+        self.state, self.equations = state, equations
+        self.differences = Differences.of(state.lattice)
         self.color, self.normal = smooth.normal.mean, smooth.normal
         self.independent_scale, self.misfit = smooth.noise_scale, 1.0
         self.rng = np.random.default_rng(0)

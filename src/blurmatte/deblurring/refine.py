@@ -58,6 +58,7 @@ class ExplainedViews:
 
     Parameters
     ----------
+    lattice : Surface
     views : tuple of View
     blurs : tuple of Blur
         Of each view.
@@ -66,16 +67,17 @@ class ExplainedViews:
     fit : GaussianFit
     """
 
+    lattice: Surface
     views: tuple[View, ...]
     blurs: tuple[Blur, ...]
     weights: tuple[Array, ...]
     equations: NormalEquations
     fit: GaussianFit
 
-    def of_channels(self, lattice: Surface) -> NormalEquations:
+    def of_channels(self) -> NormalEquations:
         """The equations with the weights of each channel."""
         views = [replace(view, shared_weight=False) for view in self.views]
-        return _equations(views, self.blurs, _weights(views, self.blurs), lattice)
+        return _equations(views, self.blurs, _weights(views, self.blurs), self.lattice)
 
 
 def explained(
@@ -89,16 +91,16 @@ def explained(
     weights = _weights(views, blurs) if weights is None else weights
     equations = _equations(views, blurs, weights, lattice)
     fit = fit_gaussian(equations, lattice)
-    return ExplainedViews(tuple(views), tuple(blurs), tuple(weights), equations, fit)
+    return ExplainedViews(lattice, tuple(views), tuple(blurs), tuple(weights), equations, fit)
 
 
-def _moved(views: Sequence[View], first: ExplainedViews, lattice: Surface) -> ExplainedViews:
+def _moved(views: Sequence[View], first: ExplainedViews) -> ExplainedViews:
     """Views with another motion, under the weights and the prior of the first state."""
-    blurs = [view.blur(lattice) for view in views]
-    equations = _equations(views, blurs, first.weights, lattice)
-    Q = gradient_prior(lattice, equations.width)
+    blurs = [view.blur(first.lattice) for view in views]
+    equations = _equations(views, blurs, first.weights, first.lattice)
+    Q = gradient_prior(first.lattice, equations.width)
     fit = fit_strength(equations, Q, first.fit.strength)
-    return ExplainedViews(tuple(views), tuple(blurs), first.weights, equations, fit)
+    return replace(first, views=tuple(views), blurs=tuple(blurs), equations=equations, fit=fit)
 
 
 def _weights(views: Sequence[View], blurs: Sequence[Blur]) -> list[Array]:
@@ -129,7 +131,7 @@ def refined(
     weights they are those of the first motion.
     """
     found = _likeliest(views, _parameters(views), lattice, weights, steps, least_gain)
-    return _with_likeliest_strength(_known_to(views, *found), lattice)
+    return _with_likeliest_strength(_known_to(views, *found))
 
 
 def refined_flat(views: Sequence[View], lattice: Lattice) -> ExplainedViews:
@@ -144,7 +146,7 @@ def refined_flat(views: Sequence[View], lattice: Lattice) -> ExplainedViews:
             coarse = _likeliest([view.coarser(by) for view in known], start, nodes)
             start = _parameters(coarse[0].views)
     state = _known_to(views, *_likeliest(known, start, lattice))
-    return _with_likeliest_strength(_within_streak(state, lattice), lattice)
+    return _with_likeliest_strength(_within_streak(state))
 
 
 def _known_to(views: Sequence[View], state: ExplainedViews, information: Array) -> ExplainedViews:
@@ -153,9 +155,9 @@ def _known_to(views: Sequence[View], state: ExplainedViews, information: Array) 
     return replace(state, views=tuple(at))
 
 
-def _with_likeliest_strength(state: ExplainedViews, lattice: Surface) -> ExplainedViews:
+def _with_likeliest_strength(state: ExplainedViews) -> ExplainedViews:
     """The state with the likeliest strength of the prior near its own."""
-    Q = gradient_prior(lattice, state.equations.width)
+    Q = gradient_prior(state.lattice, state.equations.width)
     return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
 
 
@@ -172,7 +174,7 @@ def _likeliest(
     first = replace(state, views=tuple(known))
     secants, before = list[Secant](), None
     for _ in range(steps):
-        information, gradient = information_of(state, first, lattice)
+        information, gradient = information_of(state, first)
         if before is not None:
             last = _parameters(state.views) - before[0]
             if last @ information @ last < _LONGEST_STD**2:
@@ -182,18 +184,18 @@ def _likeliest(
         step = scaled_inverse(information) @ gradient
         if gradient @ step / 2 < least_gain:
             break
-        better = _along(state, step, first, lattice)
+        better = _along(state, step, first)
         if better is None:
             break
         state = better
     return state, information
 
 
-def _within_streak(state: ExplainedViews, lattice: Surface) -> ExplainedViews:
+def _within_streak(state: ExplainedViews) -> ExplainedViews:
     """The equations of the pixels that see the object, with the refined error of alpha."""
     views = tuple(replace(v.with_error_of_alpha(), shared_weight=True) for v in state.views)
     weights = _weights(views, state.blurs)
-    equations = _equations(views, state.blurs, weights, lattice)
+    equations = _equations(views, state.blurs, weights, state.lattice)
     return replace(state, views=views, weights=tuple(weights), equations=equations)
 
 
@@ -202,13 +204,11 @@ def _parameters(views: Sequence[View]) -> Array:
     return np.concatenate([view.parameters for view in views])
 
 
-def _along(
-    state: ExplainedViews, step: Array, first: ExplainedViews, lattice: Surface
-) -> ExplainedViews | None:
+def _along(state: ExplainedViews, step: Array, first: ExplainedViews) -> ExplainedViews | None:
     """The state after a step or a part of it; None if none is better."""
     before, at = objective(state, first), _parameters(state.views)
     for part in (1.0, 0.4):
-        after = _moved(_at(state.views, at + part * step), first, lattice)
+        after = _moved(_at(state.views, at + part * step), first)
         if objective(after, first) > before:
             return after
     return None
@@ -228,16 +228,14 @@ def _precision(view: View) -> Array:
     return scaled_inverse(view.covariance)
 
 
-def information_of(
-    state: ExplainedViews, first: ExplainedViews, lattice: Surface
-) -> tuple[Array, Array]:
+def information_of(state: ExplainedViews, first: ExplainedViews) -> tuple[Array, Array]:
     """Information about the parameters of all views, and the gradient of the objective."""
     s, color = state.fit.noise_scale, state.fit.normal.mean
     blocks, gradients, rights = [], [], []
     views = zip(state.views, first.views, state.blurs, state.weights, strict=True)
     for view, known, (A, alpha), weight in views:
         precision = _precision(known)
-        J, volume = lattice.derivatives(view, state.fit, A, weight)
+        J, volume = state.lattice.derivatives(view, state.fit, A, weight)
         weight, r = np.broadcast_to(weight, (len(weight), 3)), view.light(alpha) - A @ color
         away = view.parameters - known.parameters
         blocks.append(np.einsum("pck,pc,pcl->kl", J, weight, J, optimize=True) / s + precision)
@@ -254,10 +252,10 @@ def information_of(
     return total, np.concatenate(gradients)
 
 
-def scores(state: ExplainedViews, lattice: Surface) -> Array:
+def scores(state: ExplainedViews) -> Array:
     """(pixels, k) parts of the gradient of log Z of one view; their sum is the gradient."""
     (view,), ((A, alpha),), (weight,) = state.views, state.blurs, state.weights
-    J, volume = lattice.derivatives(view, state.fit, A, weight)
+    J, volume = state.lattice.derivatives(view, state.fit, A, weight)
     r = view.light(alpha) - A @ state.fit.normal.mean
     score = np.einsum("pck,pc->pk", J, weight * r) / state.fit.noise_scale - volume
     return np.asarray(score)

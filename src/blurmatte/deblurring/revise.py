@@ -102,7 +102,7 @@ class _Start:
     def of(cls, level: _BlockPicture, sweep: Sweep) -> "_Start":
         held = _held(level.view, sweep)
         state = level.start(_wide(sweep, held, grows=True))
-        information, gradient = information_of(state, state, level.lattice)
+        information, gradient = information_of(state, state)
         gain = float(gradient @ scaled_inverse(information) @ gradient) / 2
         return cls(sweep, held, state.fit.log_evidence, state.fit.log_evidence + gain)
 

@@ -284,21 +284,20 @@ def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
 
 
 def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
-    lattice: Surface
     if views[0].spin is None:
-        lattice = flat = affordable(views)
+        flat = affordable(views)
         state = refined_flat(views, flat) if refine else explained(views, flat)
     else:
-        lattice = Sphere.within(views[0].sweep.radius, MAX_NODES)
-        state = (refined if refine else explained)(views, lattice)
-    differences = Differences.of(lattice)
+        sphere = Sphere.within(views[0].sweep.radius, MAX_NODES)
+        state = (refined if refine else explained)(views, sphere)
+    lattice, differences = state.lattice, Differences.of(state.lattice)
     equations = state.equations.widened(differences.width)
     smooth, strengths = fit_smooth(equations, differences, state.fit)
     inflation = color_variance_inflation(state, smooth)
-    of_channels = state.of_channels(lattice).widened(differences.width)
+    of_channels = state.of_channels().widened(differences.width)
     if any(view.stored is not None for view in views):
         color, variances, misfit = compressed_color(
-            state, equations, of_channels, differences, smooth, strengths
+            state, equations, of_channels, smooth, strengths
         )
     else:
         fit = fit_sparse([equations, of_channels], differences, smooth, strengths)

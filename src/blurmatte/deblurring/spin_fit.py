@@ -112,7 +112,7 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
         found = coarse[0].views[0]
         fine = View.of(image, plate, found.sweep, found.spin)
         states = _refined_on_fine(fine, _likely(coarse), view.covariance)
-        covariance = _strip_covariance(states[0], Sphere.within(fine.sweep.radius, MAX_NODES))
+        covariance = _strip_covariance(states[0])
     _check_path(prior, states[0].views[0].sweep)
     (view,) = states[0].views
     found = view.moved(view.parameters, covariance)
@@ -129,7 +129,7 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     return replace(spin, log_evidence_margin=margin)
 
 
-def _strip_covariance(state: ExplainedViews, sphere: Sphere) -> Array:
+def _strip_covariance(state: ExplainedViews) -> Array:
     """(k, k) covariance of the parameters, with errors of the model that vary over the picture.
 
     The infinitesimal jackknife [Jaeckel 1972]: with the posterior covariance S, a strip of the picture
@@ -138,7 +138,7 @@ def _strip_covariance(state: ExplainedViews, sphere: Sphere) -> Array:
     error of all strips alike does not show; S itself is added as a bound.
     """
     (view,) = state.views
-    sweep, pixels, parts = view.sweep, view.pixels, scores(state, sphere)
+    sweep, pixels, parts = view.sweep, view.pixels, scores(state)
     row, column = np.divmod(np.arange(len(parts)), pixels.shape[1])
     chord = sweep.trajectory.at(1.0) - sweep.trajectory.at(0.0)
     angle = np.arctan2(chord[1], chord[0])
