@@ -1,22 +1,17 @@
 """save_clip: a clip → a layer for each frame with an object, a table, a report and a sheet."""
 
+import re
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 from blurmatte.background import ClipShot, ParallaxRegion
 from blurmatte.checks import Bools, check_kind, check_map
-from blurmatte.clips.layers import (
-    LAYER_EXTENSIONS,
-    LayerWriter,
-    remove_layers,
-    write_empty_layers,
-    write_movie,
-)
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color.model import ColorModel
@@ -25,21 +20,25 @@ from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import saved_in_words, without_layer_in_words
 from blurmatte.figures import draw_clip
 from blurmatte.figures.clip import Matte
+from blurmatte.files.atomic import replacing
 from blurmatte.files.clip_decoding import video_library
-from blurmatte.files.frames import Frames
+from blurmatte.files.frames import Frames, write_frames
 from blurmatte.files.reading import read_layer
 from blurmatte.files.writing import require_parquet, write
+from blurmatte.formats import Writes, written
+from blurmatte.layer import Layer, empty_layer
 from blurmatte.matting.case import Solver
 from blurmatte.matting.maps import Grade
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.cadence import Cadence
-from blurmatte.motion.clip.solving import check_clip_solver
+from blurmatte.motion.clip.solving import FrameSolver, FrameToSolve, check_clip_solver
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, shots_of, solved
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.motion.columns import html_table
 from blurmatte.radiometry import LinearImage
 from blurmatte.results import save_parallax
 
+LAYER_EXTENSIONS = written(Writes.LAYER)
 TABLE_EXTENSIONS = ".csv", ".parquet"
 SHEET_FRAMES = 3  # that the sheet shows with their alpha
 
@@ -155,6 +154,78 @@ class ClipRun:
     def file_extension(self) -> str:
         """Of the file of one frame; a movie is made of EXRs."""
         return ".exr" if self.extension == ".mov" else self.extension
+
+    def layers_in(self, folder: Path) -> "_LayerFiles":
+        """The files of its layers in a folder of results."""
+        return _LayerFiles(folder, self.file_extension, self.several)
+
+
+@dataclass(frozen=True)
+class _LayerFiles:
+    """Layers of frames in a folder of results; if there are several objects, each has a folder."""
+
+    folder: Path
+    extension: str
+    several: bool
+
+    def name(self, frame: int, number: int) -> str:
+        """Name of the layer of an object in a frame."""
+        name = f"layer.{frame:06d}{self.extension}"
+        return f"object{number}/{name}" if self.several else name
+
+    def write_empty(
+        self, records: Sequence[FrameRecord], frames: Sequence[int], size: tuple[int, int]
+    ) -> list[list[str]]:
+        """Write a transparent layer for each frame without one, so that no number is missing.
+
+        For each object that has a layer in some frame. Returns the names of the files of each object.
+        """
+        empty = list[list[str]]()
+        for number in sorted({record.object for record in records if record.layer}):
+            named = {record.frame for record in records if record.layer and record.object == number}
+            empty.append([self.name(frame, number) for frame in frames if frame not in named])
+            paths = [self.folder / name for name in empty[-1]]
+            for path in paths[:1]:
+                write(path, empty_layer(size))
+            for path in paths[1:]:  # a copy takes much less time than to compress it again
+                with replacing(path, self.extension) as temporary:
+                    copyfile(paths[0], temporary)
+        return empty
+
+    def remove(self, names: Iterable[str], frames: Collection[int]) -> None:
+        """Remove those of the files that a layer of these frames would have as its name."""
+        of_object = "object[0-9]+/" if self.several else ""
+        form = re.compile(rf"{of_object}layer\.([0-9]+){re.escape(self.extension)}")
+        for name in names:
+            found = form.fullmatch(name)
+            if found is not None and int(found[1]) in frames:
+                (self.folder / name).unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, eq=False)
+class _LayerWriter:
+    """Solves a frame and writes its layer; runs in any process.
+
+    Of complete layers all numbers of the solution are written, the sweep included.
+    """
+
+    solver: FrameSolver
+    files: _LayerFiles
+    shot: int
+    complete: bool
+
+    def __call__(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> FrameRecord:
+        """Solve a frame, given alone, write its layer, and return its record."""
+        row, (frame, number) = wanted.row, wanted.row.place
+        solution = self.solver(frames, wanted)
+        if isinstance(solution, str):
+            return FrameRecord(frame, row.time, number, self.shot, reason=solution)
+        name = self.files.name(frame, number)
+        path = self.files.folder / name
+        if self.files.several:
+            path.parent.mkdir(exist_ok=True)
+        write(path, solution if self.complete else solution.layer)
+        return FrameRecord.of(row, self.shot, solution, name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,8 +382,8 @@ def _shot(
     work.problems += camera_in_words(found.camera, clip.numbers)
     if found.camera is not None and len(work.plates) == 1:
         work.parallax += found.camera.parallax
-    how = folder.absolute(), number, run.file_extension, run.several, run.complete
-    outcomes = solved(found, workers, run.solver, lambda solver: LayerWriter(solver, *how))
+    how = run.layers_in(folder.absolute()), number, run.complete
+    outcomes = solved(found, workers, run.solver, lambda solver: _LayerWriter(solver, *how))
     for wanted, outcome in outcomes:
         if isinstance(outcome, Failure):
             work.problems.append(f"frame {wanted.row.frame}: {outcome.error}")
@@ -367,11 +438,18 @@ def _written(
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:
             name = f"layers{number}.mov" if run.several else "layers.mov"
-            mine = [record for record in work.records if record.object == number]
-            rate = run.rate or run.frames.rate
-            write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
             files.append(folder / name)
+            layers = _movie(run, folder, [one for one in work.records if one.object == number])
+            write_frames(files[-1], layers, rate=run.rate or run.frames.rate)
     return tuple(files)
+
+
+def _movie(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> Iterator[Layer]:
+    """The layer of one object in each frame, for a ProRes 4444 with alpha as long as the clip."""
+    named = {record.frame: record.layer for record in records if record.layer}
+    empty = empty_layer(read_layer(folder / next(iter(named.values()))).size)
+    for number in run.frames.frame_numbers:
+        yield read_layer(folder / named[number]) if number in named else empty
 
 
 def _mattes(run: ClipRun, folder: Path, records: Sequence[FrameRecord]) -> list[Matte]:
@@ -391,12 +469,11 @@ def _fill(run: ClipRun, folder: Path, work: _RunProgress) -> int:
 
     Layers of these frames that are left of an earlier run are removed.
     """
-    numbers, size = run.frames.frame_numbers, run.frames.size
-    form = run.file_extension, run.several
-    empty = [] if run.complete else write_empty_layers(folder, work.records, numbers, size, *form)
-    written = {record.layer for record in work.records}.union(*empty)
+    numbers, size, files = run.frames.frame_numbers, run.frames.size, run.layers_in(folder)
+    empty = [] if run.complete else files.write_empty(work.records, numbers, size)
+    kept = {record.layer for record in work.records}.union(*empty)
     earlier = {name for one in work.manifest.finished for name in one.layers}
-    remove_layers(folder, earlier - written, set(numbers), *form)
+    files.remove(earlier - kept, set(numbers))
     _note(work.manifest, [name for names in empty for name in names])
     return len(empty[0]) if empty else 0
 
