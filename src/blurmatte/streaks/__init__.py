@@ -10,4 +10,5 @@ from blurmatte.streaks.gate import Gate as Gate
 from blurmatte.streaks.streak import Streak as Streak
 from blurmatte.streaks.streak import check_streak as check_streak
 from blurmatte.streaks.streak import dilated as dilated
+from blurmatte.streaks.streak import grown_part as grown_part
 from blurmatte.streaks.streak import opened as opened

@@ -27,7 +27,14 @@ from blurmatte.streaks.evidence import (
     light_change,
     without_outliers,
 )
-from blurmatte.streaks.streak import Streak, cells_to_pixels, dilated, expected_false, opened
+from blurmatte.streaks.streak import (
+    Streak,
+    cells_to_pixels,
+    dilated,
+    expected_false,
+    grown_part,
+    opened,
+)
 
 _MIN_EVIDENCE_RATIO = 0.01  # of a streak over the strongest: others are of noise, codec or halo
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction
@@ -86,7 +93,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     expected = expected_false(T, parts) if len(parts) > 1 else [0.0] * len(parts)
     streaks = [
         Streak(
-            _to_pixels(part, cell, image.valid.shape),
+            cells_to_pixels(_grown(part), cell, image.valid.shape),
             evidence=float(T[part].sum()),
             cell=cell,
             expected_false=false,
@@ -183,15 +190,10 @@ def _strong_parts(T: Floats) -> list[Bools]:
     return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > SURE]
 
 
-def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
-    """Mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
-    rim, closing = RIM, CLOSING
+def _grown(part: Bools) -> Bools:
+    """A part of the cells, closed, filled, and with its faint rim."""
     place = rows_columns(box_of(part))
-    joined = dilated(np.pad(part[place], rim), closing)
-    grown = dilated(scipy.ndimage.binary_fill_holes(joined), rim - closing)
-    cells = np.zeros([side + 2 * rim for side in part.shape], bool)
-    cells[tuple(slice(s.start, s.stop + 2 * rim) for s in place)] = grown
-    return cells_to_pixels(cells[rim:-rim, rim:-rim], cell, shape)
+    return grown_part(part[place], place, part.shape, CLOSING, RIM)
 
 
 def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 
 from blurmatte.checks import Bools, Box, Floats, box_of, check_kind, check_map, grown, rows_columns
 
@@ -162,6 +163,20 @@ def dilated(mask: Bools, by: int) -> Bools:
         mask[:, 1:] |= before[:, :-1]
         mask[:, :-1] |= before[:, 1:]
     return mask
+
+
+def grown_part(
+    part: Bools, place: tuple[slice, ...], shape: tuple[int, ...], gap: int, rim: int
+) -> Bools:
+    """(H, W) mask of a part at its place in a picture, closed, filled, and dilated by a rim in all.
+
+    Gaps of up to twice `gap` are closed, which is at most the rim.
+    """
+    joined = dilated(np.pad(part, rim), gap)
+    whole = np.zeros([side + 2 * rim for side in shape], bool)
+    around = tuple(slice(s.start, s.stop + 2 * rim) for s in place)
+    whole[around] = dilated(scipy.ndimage.binary_fill_holes(joined), rim - gap)
+    return whole[rim:-rim, rim:-rim]
 
 
 def cells_to_pixels(cells: Bools, cell: int, shape: tuple[int, ...]) -> Bools:

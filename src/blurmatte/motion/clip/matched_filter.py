@@ -16,10 +16,7 @@ from blurmatte.color.streak import (
 )
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MAD_TO_STD
-from blurmatte.streaks import Streak, dilated, find_streaks, opened
-
-Place = tuple[slice, ...]
-
+from blurmatte.streaks import Streak, dilated, find_streaks, grown_part, opened
 
 # Hysteresis thresholds of the filter, and the parts of a frame that are kept.
 _SMOOTHING_PX = 1.5  # standard deviation of the Gaussian
@@ -32,7 +29,6 @@ MAX_PARTS = 3  # of a frame, for one object
 MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
 _CLOSING_PX = 3  # gaps where the plate has the object's own color
 _MARGIN_PX = 4  # where the edge fades below the noise
-_PADDING_PX = _CLOSING_PX + _MARGIN_PX  # of a part on each side
 _STRIP_ROWS = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
 _TRUNCATION_STD = 4.0  # standard deviations at which SciPy truncates a Gaussian
 
@@ -112,16 +108,15 @@ class MatchedFilter:
         there = opened(strength > _EXTENT_STD)
         near = dilated(there, _CLOSING_PX)
         labels, _ = scipy.ndimage.label(near, np.ones((3, 3)))
-        places = scipy.ndimage.find_objects(labels)
-        parts: list[tuple[float, Place, Bools]] = []
+        places, parts = scipy.ndimage.find_objects(labels), list[Streak]()
         for number in np.unique(labels[near & (strength > _DETECTION_STD)]):
             place = places[number - 1]
             inside = np.where((labels[place] == number) & there[place], strength[place], 0)
-            mask = _strong(inside)
-            if mask is not None:
-                place, mask = _within(p.shape, place, mask)
-                parts.append((projected_energy(p[place], self.weight[place], mask), place, mask))
-        return [_streak(p.shape, *part) for part in parts]
+            strong = _strong(inside)
+            if np.count_nonzero(strong) >= _MIN_AREA_PX:
+                mask = grown_part(strong, place, p.shape, _CLOSING_PX, _MARGIN_PX)
+                parts.append(Streak(mask, evidence=projected_energy(p, self.weight, mask)))
+        return parts
 
 
 def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, slice]]:
@@ -133,32 +128,10 @@ def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, sl
         yield slice(top, end), (0, first, width, min(end + margin, height)), inner
 
 
-def _strong(strength: Floats) -> Bools | None:
-    """Mask of the strong pixels of a part, filled and dilated; None if they are too few.
-
-    `_padding()` pixels larger than the part on each side.
-    """
+def _strong(strength: Floats) -> Bools:
+    """Mask of the strong pixels of a part."""
     usual = float(np.quantile(strength[strength > 0], 0.9))
-    strong = strength > max(_EXTENT_STD, _MIN_STRENGTH_FRACTION * usual)
-    if np.count_nonzero(strong) < _MIN_AREA_PX:
-        return None
-    filled = scipy.ndimage.binary_fill_holes(dilated(np.pad(strong, _PADDING_PX), _CLOSING_PX))
-    return dilated(filled, _MARGIN_PX - _CLOSING_PX)
-
-
-def _within(shape: tuple[int, ...], place: Place, mask: Bools) -> tuple[Place, Bools]:
-    """The place of a padded mask in the picture, and the part of the mask inside the picture."""
-    first = [s.start - _PADDING_PX for s in place]
-    ends = zip(first, mask.shape, shape, strict=True)
-    inside = tuple(slice(max(at, 0), min(at + n, side)) for at, n, side in ends)
-    cut = tuple(slice(s.start - at, s.stop - at) for s, at in zip(inside, first, strict=True))
-    return inside, mask[cut]
-
-
-def _streak(shape: tuple[int, ...], evidence: float, place: Place, mask: Bools) -> Streak:
-    whole = np.zeros(shape, bool)
-    whole[place] = mask
-    return Streak(whole, evidence=evidence)
+    return np.asarray(strength > max(_EXTENT_STD, _MIN_STRENGTH_FRACTION * usual))
 
 
 def moving_parts(image: LinearImage, plate: LinearImage) -> list[Streak]:
