@@ -10,7 +10,6 @@ the light of the smallest thing over its neighbors. A pixel that fails, or a sam
 stays alone.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -84,9 +83,7 @@ def _normalized_difference(
 
     The variance includes that of a subpixel shift at edges of the plate, estimated from these edges.
     """
-    d, B, known = (
-        np.concatenate(parts) for parts in zip(*_cells_of(image, plate, cell), strict=True)
-    )
+    d, B, known = _cells_of(image, plate, cell)
     variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
     edge = _edge_energy(B)
     variance = variance + 9 * _mean_square_shift(d, variance, edge) * edge + VARIANCE_FLOOR
@@ -95,19 +92,20 @@ def _normalized_difference(
     return tuple(np.asarray(a, dtype=np.float32) for a in (z, known, rounding))  # type: ignore[return-value]
 
 
-def _cells_of(
-    image: LinearImage, plate: LinearImage, cell: int
-) -> Iterator[tuple[Floats, Floats, Bools]]:
-    """Yield means of difference and plate over cells, and whether these are mostly valid, in strips.
+def _cells_of(image: LinearImage, plate: LinearImage, cell: int) -> tuple[Floats, Floats, Bools]:
+    """Means of difference and plate over cells, and whether these are mostly valid.
 
     Strips avoid copies of large pictures.
     """
+    strips = []
     for start in range(0, len(image.valid), cell * 128):
         rows = slice(start, start + cell * 128)
         used = image.valid[rows] & plate.valid[rows]
         d = np.where(used[..., None], image.rgb[rows] - plate.rgb[rows], 0)
         known = in_cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
-        yield in_cells(d, cell), in_cells(plate.rgb[rows], cell), known
+        strips.append((in_cells(d, cell), in_cells(plate.rgb[rows], cell), known))
+    differences, plates, valid = map(np.concatenate, zip(*strips, strict=True))
+    return differences, plates, valid
 
 
 def shift_variance(image: LinearImage, plate: LinearImage, still: Bools) -> Floats:
@@ -139,9 +137,7 @@ def light_change(image: LinearImage, plate: LinearImage) -> float:
     0 unless it exceeds what noise, rounding and the codec leave. Medians leave out whatever moved.
     """
     side = _LIGHT_BLOCK_PX
-    d, B, known = (
-        np.concatenate(parts) for parts in zip(*_cells_of(image, plate, side), strict=True)
-    )
+    d, B, known = _cells_of(image, plate, side)
     if np.count_nonzero(known) < side:
         return 0.0
     steps = np.diff(
