@@ -19,7 +19,7 @@ from blurmatte.radiometry import (
 )
 from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.radiometry.noise_model import fit_coefficients
-from blurmatte.statistics import MAD_TO_STD
+from blurmatte.statistics import MAD_TO_STD, robust_std
 
 
 def fit_noise(
@@ -122,7 +122,7 @@ def _fit_channel(
     inside = np.zeros(len(x), bool)
     level, variance, count = [], [], []
     for start, stop in pairwise(cuts):
-        at = max(_median(x[start:stop]), 0.0)
+        at = max(float(np.median(x[start:stop])), 0.0)
         inliers, scatter = _clipped_scatter(d[start:stop], float(np.polyval(least[::-1], at)))
         inside[order[start:stop][inliers]] = True
         level.append(at)
@@ -141,17 +141,12 @@ def _clipped_scatter(d: Floats, least: float) -> tuple[Bools, float]:
     """Inliers of `d` within four sigma, and their second moment about zero, by iteration."""
     sizes = np.sort(np.abs(d))
     sums = np.cumsum(sizes**2)
-    s2, limit = max((MAD_TO_STD * _median(sizes)) ** 2, least), np.inf
+    s2, limit = max(robust_std(d) ** 2, least), np.inf
     for _ in range(4):
         limit = 4 * float(np.sqrt(s2))
         count = int(np.searchsorted(sizes, limit, side="right"))
         s2 = max(float(sums[count - 1]) / count if count else s2, least)
     return np.asarray(np.abs(d) <= limit), s2
-
-
-def _median(values: Floats) -> float:
-    """Median of sorted values."""
-    return float(values[(len(values) - 1) // 2] + values[len(values) // 2]) / 2
 
 
 def plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> tuple[float, float]:
