@@ -90,12 +90,16 @@ def ring_around(alpha: Array, use: Bools, c: Array) -> tuple[tuple[float, float]
 
 def _longest(present: Bools) -> tuple[int, int]:
     """First and last index of the longest run of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], present.astype(int), [0]])))
-    if len(edges) == 0:
+    runs = _runs(present)
+    if len(runs) == 0:
         return 0, 0
-    runs = edges.reshape(-1, 2)
     first, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
     return int(first), int(end) - 1
+
+
+def _runs(present: Bools) -> Indices:
+    """(k, 2) beginnings and ends of the runs of True."""
+    return np.flatnonzero(np.diff(present.astype(int), prepend=0, append=0)).reshape(-1, 2)
 
 
 def blades_of(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> list[tuple[float, float]]:
@@ -105,7 +109,7 @@ def blades_of(pixels: RingPixels, c: Array, ring: tuple[float, float]) -> list[t
     inside = profile > level
     turned = int(np.flatnonzero(~inside)[0])
     inside, profile = np.roll(inside, -turned), np.roll(profile, -turned)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]]))).reshape(-1, 2)
+    edges = _runs(inside)
     if len(edges) > _MAX_BLADES:
         raise MotionError(f"{len(edges)} blades on a circle cannot be distinguished from noise")
     found, step = [], 2 * np.pi / GRID
