@@ -51,7 +51,7 @@ class SphereArguments(NamedTuple):
     paints: Array  # (2, 3) outside and inside the band
     axis: Array  # (1, 3) of the band, in space
     band: float
-    texture: Array  # (h, w, 3) factors of the paint; 0 × 0 if there is none
+    texture: Array  # (h + 2, w + 2, 3) factors of the paint, with a border; 0 × 0 if there is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,6 +159,14 @@ class Ball:
         """(3,) unit vector along the pole of the band."""
         return unit_direction("axis", self.axis)
 
+    @cached_property
+    def _bordered_texture(self) -> Array:
+        """(h + 2, w + 2, 3) the texture with a border that continues it, or 0 × 0 without one."""
+        if self.texture is None:
+            return np.empty((0, 0, 3))
+        around = np.pad(self.texture, [(0, 0), (1, 1), (0, 0)], mode="wrap")
+        return np.pad(around, [(1, 1), (0, 0), (0, 0)], mode="edge")
+
     def reach(self, pose: Pose) -> tuple[float, float]:
         """Extent from the center in x and y, pixels."""
         center, stretch = self._outline(pose)
@@ -235,7 +243,7 @@ class Ball:
             paints=self._paints,
             axis=(pose.rotation @ self._axis)[None],
             band=0.0 if self.second_color is None else float(self.band),
-            texture=np.empty((0, 0, 3)) if self.texture is None else self.texture,
+            texture=self._bordered_texture,
         )
 
 

@@ -273,19 +273,10 @@ def _paint_at(sphere, nx, ny, nz):  # type: ignore[no-untyped-def]
 @njit(inline="always")
 def _texel(texture, longitude, colatitude):  # type: ignore[no-untyped-def]
     """Bilinear texture lookup: longitude −π…π wraps around; colatitude 0…π spans the rows."""
-    h, w = texture.shape[:2]
-    row = min(max(colatitude / np.pi * h - 0.5, 0.0), h - 1.0)
-    column = (longitude / (2 * np.pi) + 0.5) * w + w - 0.5  # + w: so that int() rounds down
-    top, left = int(row), int(column)
-    v, u = row - top, column - left
-    i = left - w if left >= w else left
-    t, j, k = texture, min(top + 1, h - 1), i + 1 if i + 1 < w else 0
-    p, q, r, s = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
-    return (
-        p * t[top, i, 0] + q * t[top, k, 0] + r * t[j, i, 0] + s * t[j, k, 0],
-        p * t[top, i, 1] + q * t[top, k, 1] + r * t[j, i, 1] + s * t[j, k, 1],
-        p * t[top, i, 2] + q * t[top, k, 2] + r * t[j, i, 2] + s * t[j, k, 2],
-    )
+    row = colatitude / np.pi * (texture.shape[0] - 2) + 0.5
+    column = (longitude / (2 * np.pi) + 0.5) * (texture.shape[1] - 2) + 0.5
+    r, g = _bilinear(texture, column, row, 0), _bilinear(texture, column, row, 1)
+    return r, g, _bilinear(texture, column, row, 2)
 
 
 @njit()
