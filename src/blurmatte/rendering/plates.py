@@ -30,7 +30,7 @@ def plain_plate(size: tuple[int, int], color: npt.ArrayLike, rng: Rng) -> Array:
         Linear light at the brightest point; the darkest is 0.55 of it.
     """
     paint, rng = check_color("color", color), np.random.default_rng(rng)
-    slow = _smooth(size, _short(size) / 4, rng)
+    slow = _smooth(size, min(size) / 4, rng)
     fine = _smooth(size, 0.8, rng)
     brightness = 0.55 + 0.45 * _unit_range(slow + 0.12 * fine)
     return np.asarray(brightness[..., None] * paint)
@@ -41,7 +41,7 @@ def two_hue_plate(
 ) -> Array:
     """Patches of two colors with soft borders; every pixel is a mixture of the two."""
     a, b = check_color("first", first), check_color("second", second)
-    patches = _smooth(size, _short(size) / 12, np.random.default_rng(rng))
+    patches = _smooth(size, min(size) / 12, np.random.default_rng(rng))
     share = (0.5 + 0.5 * np.tanh(3 * patches))[..., None]
     return np.asarray((1 - share) * a + share * b)
 
@@ -256,17 +256,10 @@ def _check_size(size: tuple[int, int]) -> None:
         raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
 
 
-def _short(size: tuple[int, int]) -> int:
-    _check_size(size)
-    return min(size)
-
-
 def _smooth(size: tuple[int, int], scale: float, rng: np.random.Generator) -> Array:
     """(H, W) noise of mean 0 and std 1, smoothed by a Gaussian of `scale` pixels."""
-    width, height = size
-    noise = scipy.ndimage.gaussian_filter(
-        rng.standard_normal((height, width)), scale, mode="reflect"
-    )
+    _check_size(size)
+    noise = scipy.ndimage.gaussian_filter(rng.standard_normal(size[::-1]), scale, mode="reflect")
     noise -= noise.mean()
     return np.asarray(noise / max(noise.std(), 1e-12))
 

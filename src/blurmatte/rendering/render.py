@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
-from blurmatte.checks import Array, Box, Floats
+from blurmatte.checks import Array, Box, Floats, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
@@ -298,10 +298,7 @@ def _touched(center: Array, spread: Array, size: tuple[int, int]) -> Box:
 def _box_around(boxes: list[Box]) -> Box:
     """The box around all boxes that are not empty."""
     full = [box for box in boxes if box[0] < box[2] and box[1] < box[3]]
-    if not full:
-        return 0, 0, 0, 0
-    x0, y0, x1, y1 = np.transpose(full)
-    return int(x0.min()), int(y0.min()), int(x1.max()), int(y1.max())
+    return enclosing(full) if full else (0, 0, 0, 0)
 
 
 def _sharp_frame(scene: Scene, t: float) -> Layer:
