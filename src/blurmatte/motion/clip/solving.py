@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -215,8 +215,8 @@ class FrameSolver:
     def _solution(
         self, crop: Crop, streak: Streak | None, start: Sweep | None, prior: MotionPrior | None
     ) -> Solution:
-        """The solution with a prior, or of the crop alone."""
-        with _without_warnings():
+        """The solution with a prior, or of the crop alone; a clip reports what all frames show."""
+        with warnings.catch_warnings(action="ignore", category=BlurmatteWarning):
             return solve(
                 *(crop.image, crop.plate, self._given, self.solver),
                 streak=streak,
@@ -243,7 +243,7 @@ class FrameSolver:
             crop, streak, start, prior = own._prepared(frame, wanted)
             if prior is None:
                 return None
-            with _without_warnings():
+            with warnings.catch_warnings(action="ignore", category=BlurmatteWarning):
                 sweep, (disc, shape) = shape_odds(
                     *(crop.image, crop.plate, self._given),
                     streak=streak,
@@ -271,14 +271,6 @@ class FrameSolver:
         x, y = path[np.all((path >= 0) & (path < (width, height)), axis=1)].T
         hits = [int(np.count_nonzero(dilated(part.mask, 1)[y, x])) for part in parts]
         return parts[int(np.argmax(hits))] if any(hits) else None
-
-
-@contextmanager
-def _without_warnings() -> Iterator[None]:
-    """Of single frames; a clip reports what all of them show."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", BlurmatteWarning)
-        yield
 
 
 def check_clip_solver(solver: Solver | None) -> None:
