@@ -14,16 +14,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array
 from blurmatte.descent import distinct
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.picture.error_budget import OverExposure, by_axis, check_exposure
 from blurmatte.motion.space.rotation_fit import (
     NO_VARIATION,
+    AlphaMap,
     Blades,
     blades_of,
-    pixels_at,
     ring_around,
     starts,
 )
@@ -201,11 +201,11 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     """The best fit from all starts; MotionError if it is not acceptable or not the only one."""
     use = np.asarray(solution.known & (solution.alpha_std > 0))
     alpha = np.where(use, solution.alpha, 0).astype(float)
-    std = np.where(use, solution.alpha_std, 1).astype(float)
+    seen = AlphaMap(alpha, np.where(use, solution.alpha_std, 1).astype(float), use)
     trials, error = [], None
-    for c, omega, spacings in starts(alpha, std, use & solution.streak, center):
+    for c, omega, spacings in starts(replace(seen, use=use & solution.streak), center):
         try:
-            trials.append(_fitted(alpha, std, use, c, omega, center, _PIXELS_PER_TRIAL, spacings))
+            trials.append(_fitted(seen, c, omega, center, _PIXELS_PER_TRIAL, spacings))
         except MotionError as raised:
             error = error or raised
             continue
@@ -222,7 +222,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     fits = list[_Trial]()
     for one in rough:
         with suppress(MotionError) if fits else nullcontext():
-            fits.append(_fitted(alpha, std, use, one.center, one.angle, center, alpha.size))
+            fits.append(_fitted(seen, one.center, one.angle, center, alpha.size, None))
     best = fits[0]
     for other in fits[1:]:
         best = other if other.gain_over(best) > 0 else best
@@ -259,27 +259,21 @@ def _check_same(rotation: Rotation, other: Rotation) -> None:
 
 
 def _fitted(
-    alpha: Array,
-    std: Array,
-    use: Bools,
-    c: Array,
-    omega: float,
-    center: Array | None,
-    max_pixels: int,
-    spacings: float | None = None,
+    seen: AlphaMap, c: Array, omega: float, center: Array | None, most: int, spacings: float | None
 ) -> _Trial:
     """The rotation fitted from a start.
 
-    Uses at most `max_pixels` pixels, evenly spread. With `spacings`, the angle starts at that many
-    angles between blades.
+    Uses at most so many pixels, evenly spread. With `spacings`, the angle starts at that many angles
+    between blades.
     """
+    alpha = seen.alpha
     for _ in range(_MAX_ROUNDS):  # another center has other circles
-        ring, mask = ring_around(alpha, use, c)
-        every = -(-np.count_nonzero(mask) // max_pixels)
+        ring, mask = ring_around(seen, c)
+        every = -(-np.count_nonzero(mask) // most)
         y, x = np.nonzero(mask)
-        blades = blades_of(pixels_at(alpha, std, y, x), c, ring)
+        blades = blades_of(seen.at(y, x), c, ring)
         y, x = y[::every], x[::every]
-        pixels = pixels_at(alpha, std, y, x)
+        pixels = seen.at(y, x)
         apart = 2 * np.pi / len(blades)
         if spacings is not None:
             omega, spacings = spacings * apart, None
@@ -291,7 +285,7 @@ def _fitted(
         c, omega = p[:2], float(p[2])
         if moved < _CENTER_TOLERANCE_PX:
             break
-    if alpha[mask].sum() < _MIN_ALPHA_FRACTION * alpha[use].sum():
+    if alpha[mask].sum() < _MIN_ALPHA_FRACTION * alpha[seen.use].sum():
         raise MotionError(
             "most of the moved object lies outside the ring in which all of it is visible: it does not "
             "turn about one point alone; choose a region that contains only this object, or give its "

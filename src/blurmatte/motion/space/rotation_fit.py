@@ -65,13 +65,22 @@ class RingPixels:
     std: Array
 
 
-def pixels_at(alpha: Array, std: Array, y: Indices, x: Indices) -> RingPixels:
-    """Pixels of a picture at indices y and x, (n,) both."""
-    return RingPixels(x.astype(float), y.astype(float), alpha[y, x], std[y, x])
+@dataclass(frozen=True, eq=False)
+class AlphaMap:
+    """Alpha of a picture (H, W), its standard deviation, and where both are known."""
+
+    alpha: Array
+    std: Array
+    use: Bools
+
+    def at(self, y: Indices, x: Indices) -> RingPixels:
+        """The pixels at indices y and x, (n,) both."""
+        return RingPixels(x.astype(float), y.astype(float), self.alpha[y, x], self.std[y, x])
 
 
-def ring_around(alpha: Array, use: Bools, c: Array) -> tuple[tuple[float, float], Bools]:
+def ring_around(seen: AlphaMap, c: Array) -> tuple[tuple[float, float], Bools]:
     """Inner and outer radius between which the whole object is visible, and the mask of the ring."""
+    alpha = seen.alpha
     y, x = np.mgrid[: alpha.shape[0], : alpha.shape[1]]
     rho = np.hypot(x - c[0], y - c[1])
     widths = np.bincount(np.rint(rho).astype(int).ravel(), weights=alpha.ravel())
@@ -79,7 +88,7 @@ def ring_around(alpha: Array, use: Bools, c: Array) -> tuple[tuple[float, float]
     present[: int(_MIN_RADIUS_PX)] = False
     first, last = _longest(present)
     low, high = first + _END_MARGIN_PX, last - _END_MARGIN_PX
-    mask = use & (rho >= low) & (rho <= high)
+    mask = seen.use & (rho >= low) & (rho <= high)
     if high - low < 2 * _END_MARGIN_PX or not mask.any():
         raise MotionError(
             "no circle around the center of rotation shows the whole object: it is too small, or does "
@@ -160,19 +169,17 @@ def _circle_means(rho: Array, alpha: Array) -> Array:
     return np.interp(rho, where[some], mean[some])
 
 
-def starts(
-    alpha: Array, std: Array, use: Bools, center: Array | None
-) -> Iterator[tuple[Array, float, float | None]]:
+def starts(seen: AlphaMap, center: Array | None) -> Iterator[tuple[Array, float, float | None]]:
     """Centers, angles in radians, and None or the angle in units of the angle between blades.
 
     The centroid of alpha, which is right for most fans, and the solution of (1). Where the paths of
     blades overlap (1) does not hold, and angles around the multiples of that between blades are tried.
     """
-    c, slope = _start(alpha, std, use, center)
+    c, slope = _start(seen, center)
     if center is None:
-        y, x = np.nonzero(use)
-        middle = np.array([x, y]) @ alpha[use] / max(float(alpha[use].sum()), 1.0)
-        yield middle, min(1 / _start(alpha, std, use, middle)[1], 2 * np.pi), None
+        (y, x), weight = np.nonzero(seen.use), seen.alpha[seen.use]
+        middle = np.array([x, y]) @ weight / max(float(weight.sum()), 1.0)
+        yield middle, min(1 / _start(seen, middle)[1], 2 * np.pi), None
     else:
         middle = center
     yield c, min(1 / slope, 2 * np.pi), None
@@ -180,10 +187,10 @@ def starts(
         yield middle, 0.0, spacings
 
 
-def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[Array, float]:
+def _start(seen: AlphaMap, center: Array | None) -> tuple[Array, float]:
     """The center and 1/ω for which (1) holds in the most pixels."""
-    scale = _SMOOTHING_PX
-    gy, gx = (scipy.ndimage.gaussian_filter(alpha, scale, order=o) for o in ((1, 0), (0, 1)))
+    scale, use, std = _SMOOTHING_PX, seen.use, seen.std
+    gy, gx = (scipy.ndimage.gaussian_filter(seen.alpha, scale, order=o) for o in ((1, 0), (0, 1)))
     # Independent noise σ gives the derivative of a Gaussian the error σ / (√(8π) s²).
     noise = float(np.median(std[use])) / (np.sqrt(8 * np.pi) * scale**2) if use.any() else 1.0
     steep = use & (np.hypot(gx, gy) > _MIN_GRADIENT_STD * noise)
