@@ -9,7 +9,7 @@ the camera's errors: all frames share them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -219,8 +219,7 @@ def places_in_space(
     fitted = [None] * len(rows) if balls is None else balls
     for ball in fitted:
         check_kind("each of balls", ball, BallMotion | None, "use blurmatte.motion.fit_balls")
-    places: list[BallPlace | None] = [None] * len(rows)
-    shared: dict[int, Array] = {}
+    places, shared = dict[int, BallPlace](), dict[int, Array]()
     for k, (row, ball) in enumerate(zip(rows, fitted, strict=True)):
         place = _place(row, ball, intrinsics, radius, line_time)
         if place is not None and np.all(np.isfinite(place.place)):
@@ -228,7 +227,7 @@ def places_in_space(
             places[k] = _with_shared_errors(place, shared[k])
     for track in _tracks(rows, places):
         _set_velocities(places, track, shared)
-    return places
+    return [places.get(k) for k in range(len(rows))]
 
 
 def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> None:
@@ -297,29 +296,26 @@ def _shared(place: Array, intrinsics: Intrinsics, radius: float, radius_std: flo
     return np.stack(columns, axis=1)
 
 
-def _tracks(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None]) -> list[list[int]]:
+def _tracks(rows: Sequence[FrameMotion], places: Mapping[int, BallPlace]) -> list[list[int]]:
     """Indices of the rows of each track, in order; those without doubts and with a time."""
-    use = {k for k, one in enumerate(places) if one and not one.doubted and one.time is not None}
+    use = {k for k, one in places.items() if not one.doubted and one.time is not None}
     tracks = grouped(rows, lambda row: (row.object, row.track))
     return [[k for k in track if k in use] for track in tracks]
 
 
 def _set_velocities(
-    places: list[BallPlace | None], track: Sequence[int], shared: dict[int, Array]
+    places: dict[int, BallPlace], track: Sequence[int], shared: Mapping[int, Array]
 ) -> None:
     """Set the velocities on a track, each from three positions; none if it has fewer."""
     for n, k in enumerate(track[: 0 if len(track) < 3 else None]):
         first = min(max(n - 1, 0), len(track) - 3)
         near = track[first : first + 3]
-        balls = [ball for j in near if (ball := places[j]) is not None]
+        balls = [places[j] for j in near]
         t = np.array([ball.time for ball in balls], float)
-        here = places[k]
-        assert here is not None
-        assert here.time is not None
         if np.any(np.diff(t) <= 0):
             continue
-        w = np.linalg.inv(np.vander(t - here.time, increasing=True))[1]
+        w = np.linalg.inv(np.vander(t - t[n - first], increasing=True))[1]
         S = np.einsum("i,ijk->jk", w, [shared[j] for j in near])
         V = np.einsum("i,ijk->jk", w**2, [ball.picture_covariance for ball in balls])
         velocity = w @ [ball.place for ball in balls]
-        places[k] = replace(here, velocity=velocity, velocity_covariance=V + S @ S.T)
+        places[k] = replace(places[k], velocity=velocity, velocity_covariance=V + S @ S.T)
