@@ -155,8 +155,7 @@ class _QuadraticFit:
         """A step of Gauss and Newton under the prior with weights (m,) of its differences."""
         band = self.differences.band(weights, self.equations.width)
         self.normal = posterior(self.equations, self.independent_scale * band)
-        self.weights, D = weights[:, None], self.differences.matrix
-        self.prior = (D.T @ D.multiply(self.weights)).tocsr()
+        self.weights, self.prior = weights[:, None], self.differences.quadratic(weights)
         parts = zip(self.state.views, self.state.blurs, self.state.weights, strict=True)
         self.data = [linearized(*part, self.color, self.independent_scale) for part in parts]
         gradient = sum(self._scaled(_Data.gradient)) - self.prior @ self.color

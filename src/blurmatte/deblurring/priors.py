@@ -122,18 +122,15 @@ class Differences:
         """Sums of values (m, ...) over each order and all other axes."""
         return np.array([values[order].sum() for order in self.orders])
 
+    def quadratic(self, weights: Array) -> Any:
+        """Q (n, n) for weights (m,), a sparse matrix."""
+        return (self.matrix.T @ self.matrix.multiply(weights[:, None])).tocsr()
+
     def band(self, weights: Array, width: int) -> Array:
         """The band (n, width) of Q for weights (m,)."""
-        total, at = np.zeros(self.size * width), 0
-        for nodes, coefficients in self.stencils:
-            own = weights[at : at + len(nodes)]
-            at += len(nodes)
-            for a, i in zip(coefficients, nodes.T, strict=True):
-                for b, j in zip(coefficients, nodes.T, strict=True):
-                    lower = j >= i
-                    place = (i * width + j - i)[lower]
-                    total += np.bincount(place, a * b * own[lower], len(total))
-        return total.reshape(self.size, width)
+        Q, band = scipy.sparse.tril(self.quadratic(weights)), np.zeros((self.size, width))
+        band[Q.col, Q.row - Q.col] = Q.data
+        return band
 
     def bands(self, width: int) -> list[Array]:
         """The band of the Q of each order."""
