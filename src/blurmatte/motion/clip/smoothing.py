@@ -270,55 +270,14 @@ def carry(S, z, intensity, inverses, roots, carried_L, carried_v):  # type: igno
     carried_L, carried_v: results, 0 at the first time.
     """
     n, m, s = S.shape
-    std = intensity**0.5
     known = np.zeros((s + m, s + 1))  # R and z, and those of the measurement below
-    both = np.zeros((2 * s, 2 * s + 1))  # equations of noise u of variance 1 and of the state
+    both = np.eye(2 * s, 2 * s + 1)  # equations of noise u of variance 1 and of the state
     for k in range(1, n):
-        for i in range(m):
-            known[s + i, :s], known[s + i, s] = S[k - 1, i], z[k - 1, i]
-        _reduce(known, s)
-        both[:] = 0.0
-        for i in range(s):
-            both[i, i] = 1.0
-            both[s + i, 2 * s] = known[i, s]
-            for j in range(s):
-                for c in range(i, s):
-                    both[s + i, s + j] += known[i, c] * inverses[k, c, j]
-        for i in range(s):
-            for j in range(s):
-                for c in range(s):
-                    both[s + i, j] -= std * both[s + i, s + c] * roots[k, c, j]
-        _reduce(both, 2 * s)
-        known[:s] = both[s:, s:]
-        for i in range(s):
-            for c in range(i + 1):
-                carried_v[k, i] += known[c, i] * known[c, s]
-                for j in range(s):
-                    carried_L[k, i, j] += known[c, i] * known[c, j]
-
-
-@njit()
-def _reduce(rows, columns):  # type: ignore[no-untyped-def]
-    """Make equations upper triangular in their first columns by Householder reflections."""
-    height, width = rows.shape
-    for j in range(columns):
-        norm = 0.0
-        for r in range(j, height):
-            norm += rows[r, j] ** 2
-        norm = norm**0.5
-        if norm == 0.0:
-            continue
-        if rows[j, j] > 0:
-            norm = -norm
-        head = rows[j, j] - norm  # of the vector that is reflected; the others are below it
-        scale = -1 / (norm * head)
-        for c in range(j + 1, width):
-            dot = head * rows[j, c]
-            for r in range(j + 1, height):
-                dot += rows[r, j] * rows[r, c]
-            dot *= scale
-            rows[j, c] -= dot * head
-            for r in range(j + 1, height):
-                rows[r, c] -= dot * rows[r, j]
-        rows[j, j] = norm
-        rows[j + 1 :, j] = 0.0
+        known[s:, :s], known[s:, s] = S[k - 1], z[k - 1]
+        known[:s] = np.linalg.qr(known)[1][:s]
+        moved = np.ascontiguousarray(known[:s, :s]) @ inverses[k]
+        both[s:, :s], both[s:, s:-1] = -(intensity**0.5) * moved @ roots[k], moved
+        both[s:, -1] = known[:s, s]
+        known[:s] = np.linalg.qr(both)[1][s:, s:]
+        R = np.ascontiguousarray(known[:s, :s])
+        carried_L[k], carried_v[k] = R.T @ R, R.T @ np.ascontiguousarray(known[:s, s])
