@@ -126,7 +126,9 @@ class NormalEquations:
 def bandwidth(A: Sparse, lattice: Nodes) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
     apart = np.ptp(lattice.stencils[0].nodes, axis=1).max()
-    return max(int(width_of(A.indptr, A.indices)), int(apart))
+    rows = np.flatnonzero(np.diff(A.indptr))  # that are not empty; their columns ascend
+    widths = A.indices[A.indptr[rows + 1] - 1] - A.indices[A.indptr[rows]]
+    return int(max(widths.max(initial=0), apart))
 
 
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
@@ -212,16 +214,6 @@ def posterior(equations: NormalEquations, prior: Array) -> Normal:
     factors = np.stack([cholesky_of(band + prior) for band in equations.band])
     found = Normal(np.empty(0), factors)
     return replace(found, mean=found.solve(equations.right[..., None])[..., 0].T)
-
-
-@njit(fastmath=True)
-def width_of(first, columns):  # type: ignore[no-untyped-def]
-    """Bands of Aᵀ A, from the ascending columns of the rows of A."""
-    width = 0
-    for p in range(len(first) - 1):
-        if first[p + 1] > first[p]:
-            width = max(width, columns[first[p + 1] - 1] - columns[first[p]])
-    return width
 
 
 @njit(fastmath=True)
