@@ -79,7 +79,7 @@ def fit_balls(
     first, plate = with_noise(frames[0], plate)
     fit = _BallFitter(plate, model, noise_of(first), intrinsics, (radius, radius_std))
     groups = groupby(rows, lambda row: row.frame)
-    by_frame = (tuple(row.sighting for row in group) for _, group in groups)
+    by_frame = (tuple(map(_disc_in, group)) for _, group in groups)
     with shared(workers) as processes:
         lights = (frame and frame.light() for frame in each_coded(frames))
         tasks = zip(lights, by_frame, strict=False)
@@ -115,17 +115,13 @@ class _BallFitter:
     def __call__(
         self, frame: LinearImage | None, found: Sequence[Sighting | None]
     ) -> list[BallMotion | None]:
-        if frame is None or self.model.rank == 3 or not any(map(_may_be_ball, found)):
+        if frame is None or self.model.rank == 3 or not any(found):
             return [None] * len(found)
         image = frame.with_noise(self.noise) if frame.noise is None else frame
         plate = plate_in_light_of(self.plate, image)
-        return [self._fitted(image, plate, one) for one in found]
+        return [None if one is None else self._fitted(image, plate, one) for one in found]
 
-    def _fitted(
-        self, image: LinearImage, plate: LinearImage, one: Sighting | None
-    ) -> BallMotion | None:
-        if one is None or not _may_be_ball(one):
-            return None
+    def _fitted(self, image: LinearImage, plate: LinearImage, one: Sighting) -> BallMotion | None:
         radius, std = self.radius
         ends = one.motion.trajectory.xy[[0, -1]].ravel()
         start = swept_disc(LINE, ends, one.motion.radius, self.model, image.size)
@@ -135,6 +131,6 @@ class _BallFitter:
             return None
 
 
-def _may_be_ball(one: Sighting | None) -> bool:
-    """True if a disc explains it: the image of a ball is nearly a disc."""
-    return one is not None and one.motion.has_shape
+def _disc_in(row: FrameMotion) -> Sighting | None:
+    """The detection if a disc explains it: the image of a ball is nearly a disc."""
+    return row.sighting if row.sighting is not None and row.sighting.motion.has_shape else None
