@@ -1,6 +1,7 @@
 """clip_color: the color of the moving object in a clip, fused from some of its frames."""
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -200,8 +201,10 @@ class _Voter:
     def __call__(self, frames: Sequence[LinearImage], index: int) -> list[tuple[DiscColors, float]]:
         (frame,) = coded_frames(frames, slice(None))
         scene = self.scene.at(frames, frame, index)
-        boxes = scene.boxes(frame, index)
-        found = [(streak, crop) for crop in scene.crops(frame, boxes) for streak in _streaks(crop)]
+        found = list[tuple[Streak, Crop]]()
+        for crop in scene.crops(frame, scene.boxes(frame, index)):
+            with suppress(BlurmatteError):
+                found += [(streak, crop) for streak in find_streaks(crop.image, crop.plate)]
         found.sort(key=lambda one: -one[0].evidence)
         votes = (self._vote(*one, frame.size) for one in found[:_STREAKS_PER_FRAME])
         return [vote for vote in votes if vote is not None]
@@ -224,10 +227,3 @@ class _Voter:
         uncertainty = sweep.radius_std / (_RELATIVE_RADIUS_STD * sweep.radius)
         moved = streak.evidence * (sweep.length / sweep.radius) ** 2
         return colors, moved / (1 + uncertainty**2)
-
-
-def _streaks(crop: Crop) -> list[Streak]:
-    try:
-        return find_streaks(crop.image, crop.plate)
-    except BlurmatteError:
-        return []
