@@ -70,10 +70,8 @@ def fit_noise(
         first, _ = _fit_total(B[few], (C - B)[few], usable[few], least[0] + least[1])
         usable &= _quiet(C - B, first.variance(B) + VARIANCE_FLOOR, usable)
     model, kept = _fit_total(B, C - B, usable, least[0] + least[1])
-    (share, _), total = (
-        plate_share(C, B, model.variance(B) + VARIANCE_FLOOR, kept),
-        model.coefficients,
-    )
+    share, _ = plate_share(C, B, model.variance(B) + VARIANCE_FLOOR, kept)
+    total = model.coefficients
     return (
         NoiseModel.from_coefficients(np.maximum((1 - share) * total, least[0])),
         NoiseModel.from_coefficients(np.maximum(share * total, least[1])),

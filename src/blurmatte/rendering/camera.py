@@ -103,10 +103,9 @@ class Camera:
             raise ValueError(
                 f"chroma {self.chroma} shares code values, and floats (bits None) have none"
             )
-        if self.jpeg_quality is not None:
-            self._check_jpeg(self.jpeg_quality)
-
-    def _check_jpeg(self, quality: int) -> None:
+        quality = self.jpeg_quality
+        if quality is None:
+            return
         if quality not in range(1, 101):
             raise ValueError(f"jpeg_quality must be a whole number from 1 to 100, got {quality}")
         if self.bits != 8:

@@ -99,9 +99,8 @@ class Sighting:
     @property
     def rows(self) -> tuple[float, float, float]:
         """Rows of the sensor, from that of the pixel (0, 0): of its center, and of both ends."""
-        (x, y), path = DIRECTIONS[self.motion.readout], self.motion.trajectory.xy
-        places = (self.motion.center, path[0], path[-1])
-        center, first, last = (float(x * at[0] + y * at[1]) for at in places)
+        places = np.array([self.motion.center, *self.motion.trajectory.xy[[0, -1]]])
+        center, first, last = (places @ DIRECTIONS[self.motion.readout]).tolist()
         return center, first, last
 
     @property

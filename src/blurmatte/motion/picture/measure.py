@@ -286,14 +286,14 @@ def _moments(
             f"{sums_to.format(f'{total:.1f} ± {std:.1f}')}, which is not above its error: no motion "
             "can be measured; choose the object with a region, or give its color, and solve again"
         )
-    dx, dy = x - weight @ x / total, y - weight @ y / total
+    middle = weight @ x / total, weight @ y / total
+    dx, dy = x - middle[0], y - middle[1]
     seconds = np.stack([dx * dx, dx * dy, dy * dy])
     moments = seconds @ weight / total
     by_weight = np.stack([np.ones(len(x)), dx / total, dy / total])
     by_weight = np.concatenate([by_weight, (seconds - moments[:, None]) / total])
     covariance = (by_weight * variance) @ by_weight.T
     covariance[0, 0] += (total * scale) ** 2
-    middle = weight @ x / total, weight @ y / total
     pixel = UNIFORM_VARIANCE * np.array([1, 0, 1])
     return np.array([total, *middle, *(moments - pixel)]), covariance
 
