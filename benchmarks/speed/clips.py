@@ -14,7 +14,7 @@ from benchmarks.table import Cell, Table, publish_all
 
 import blurmatte as bm
 from blurmatte.motion.clip.color import color_in_scene
-from blurmatte.motion.clip.measure import in_colors_of, sightings_in_scene
+from blurmatte.motion.clip.measure import Detector
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.steps import shots_of
@@ -83,10 +83,10 @@ def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     rows.append(("plate, of each clip", plate_seconds, 1.0))
     model = color_in_scene(clip, survey(clip, scene, alone), alone)
     seen: list[bm.motion.FrameSightings] = []
-    colors = in_colors_of(clip, scene, model)
-    new = sightings_in_scene(clip, scene, *colors, alone, several=False, numbers=range(count))
+    scene = scene.of_color(clip, model)
+    new = Detector(scene, range(count), None, False).over(clip, alone, 0)
     rows.append(("table, all frames", cpu_seconds(lambda: seen.extend(new)), float(count)))
-    solver = FrameSolver(scene, *colors, count)
+    solver = FrameSolver(scene, count)
     wanted = wanted_frames(clip, bm.motion.link_sightings(seen), solver, range(count), alone, False)
     solver(clip[wanted[0].index : wanted[0].index + 1], wanted[0])
     few = wanted[1 : solved + 1]

@@ -9,7 +9,6 @@ from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
 from blurmatte.motion.clip.clip_path import priors_of
-from blurmatte.motion.clip.measure import in_colors_of
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.workers import shared
@@ -103,8 +102,8 @@ def prepared(pictures):
     noise, dark = bm.NoiseModel(read_std=NOISE), bm.NoiseModel(read_std=1e-4)
     frames, plate = [frame.with_noise(noise) for frame in frames], plate.with_noise(dark)
     rows = bm.measure_clip(frames, plate, COLOR_MODEL)
-    scene = StaticScene.of(frames, plate)
-    solver = FrameSolver(scene, *in_colors_of(frames, scene, COLOR_MODEL), len(frames))
+    scene = StaticScene.of(frames, plate).of_color(frames, COLOR_MODEL)
+    solver = FrameSolver(scene, len(frames))
     with shared(1) as workers:
         return (
             frames,

@@ -35,7 +35,6 @@ from blurmatte.motion.clip.matched_filter import (
     MAX_PARTS,
     MAX_PARTS_OF_SEVERAL,
     MIN_ENERGY_FRACTION,
-    MatchedFilter,
     moving_parts,
 )
 from blurmatte.motion.clip.scene import Crop, StaticScene
@@ -47,7 +46,7 @@ from blurmatte.motion.picture.measure import (
 )
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
-from blurmatte.radiometry.coded import CodedFrame, CodedSequence, coded_frames, each_coded
+from blurmatte.radiometry.coded import CodedFrame, CodedSequence, each_coded
 from blurmatte.statistics import chi_square_quantile
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit.ranking import MAX_LIGHT
@@ -119,19 +118,8 @@ def sightings(
     scene = scene_of(frames, plate, model, rate=rate)
     of_frames = range(len(frames)) if numbers is None else tuple(numbers)
     with shared(workers) as processes:
-        colors = in_colors_of(frames, scene, model)
-        yield from Detector(scene, *colors, of_frames, rate, several).over(frames, processes, skip)
-
-
-def in_colors_of(
-    frames: Sequence[LinearImage], scene: StaticScene, model: ColorModel
-) -> tuple[ColorModel, MatchedFilter | None]:
-    """The model in the colors of the frames, and the filter for its light if it is of one paint."""
-    camera = scene.camera
-    k = 0 if camera is None else camera.registered[0]
-    (first,) = coded_frames(frames, slice(k, k + 1))
-    model = replace(model, to_srgb=first.light((0, 0, 1, 1)).meta.to_srgb)
-    return model, scene.at(frames, first, k).filter(first, model)
+        detector = Detector(scene.of_color(frames, model), of_frames, rate, several)
+        yield from detector.over(frames, processes, skip)
 
 
 def scene_of(
@@ -162,8 +150,6 @@ class Detector:
     """Detects and measures the object in frames; holds the data common to all frames."""
 
     scene: StaticScene
-    model: ColorModel
-    color: MatchedFilter | None
     numbers: Sequence[int]
     rate: float | None
     several: bool
@@ -194,19 +180,19 @@ class Detector:
             scene = self.scene.at(frames, frame, index)
         except PlateError as error:  # it is not registered
             return replace(empty, reason=str(error))
-        color = self.color if scene is self.scene else scene.filter(frame, self.model)
-        own = replace(self, scene=scene, color=color)
+        own = replace(self, scene=scene)
         return own._detected(empty, list(scene.crops(frame, scene.boxes(frame, index))))
 
     def _detected(self, empty: FrameSightings, crops: Sequence[Crop]) -> FrameSightings:
         parts = self._parts(crops)
         found, reasons, rest = [], [], deque(parts)
-        single = self.color is not None and not self.several
-        inflation = 1.0 if self.color is None else self.color.inflation
+        color = self.scene.color
+        single = color is not None and not self.several
+        inflation = 1.0 if color is None else color.inflation
         while rest:
             crop, streak = rest.popleft()
             try:
-                one = _measured(crop, streak, self.model, inflation)
+                one = _measured(crop, streak, self.scene.model, inflation)
                 in_frame = replace(one.measured.shifted(*crop.box[:2]), size=self.scene.plate.size)
                 found.append(replace(one, measured=in_frame))
             except BlurmatteError as error:
@@ -214,19 +200,19 @@ class Detector:
             if single and found and found[-1].measured.has_shape:
                 break
         if not parts:
-            reasons = [NOTHING_MOVED if self.color is None or not crops else NO_COLOR]
+            reasons = [NOTHING_MOVED if color is None or not crops else NO_COLOR]
         why = "; ".join(dict.fromkeys(reasons))
         return replace(empty, found=tuple(found), reason=why, unmeasured=len(rest))
 
     def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:
         """The strongest streaks of all crops that may be the object's, the strongest first."""
-        if self.color is None:
+        color = self.scene.color
+        if color is None:
             parts = _all_parts(crops, moving_parts)
             if not parts and self.scene.plate.meta.one_channel:
                 parts = _all_parts(crops, find_streaks)  # perhaps black; no hue shows a shadow
             least = -np.inf
         else:
-            color = self.color
             parts = [(c, one) for c in crops for one in color.within(c.box).parts(c.image)]
             strongest = max((one.evidence for _, one in parts), default=0.0)
             least = MIN_ENERGY_FRACTION * max(strongest, 0.0)

@@ -75,6 +75,10 @@ class StaticScene:
         Boxes around what moved in the frames that were compared with the plate, by their indices.
     camera : CameraPath, optional
         Of a camera that moves: the plate is on its canvas, and `at` gives the scene of a frame.
+    model : ColorModel
+        Of the object, in the colors of the frames; any as long as it is not known.
+    color : MatchedFilter, optional
+        For its light, if it is of one paint.
     """
 
     plate: LinearImage
@@ -84,6 +88,8 @@ class StaticScene:
     coding: CodingErrors | None = None
     surveyed: Mapping[int, tuple[Box, ...]] = field(default_factory=dict)
     camera: CameraPath | None = None
+    model: ColorModel = field(default_factory=ColorModel.any)
+    color: MatchedFilter | None = None
 
     @classmethod
     def of(
@@ -129,7 +135,7 @@ class StaticScene:
             plate = replace(plate, valid=plate.valid & ~self.hidden)
         known = index in self.surveyed
         gate = self.gate if known else _gate(frames, frame, plate, self.hidden)
-        return replace(self, plate=plate, gate=gate, camera=None)
+        return replace(self, plate=plate, gate=gate, camera=None)._with_filter(frame)
 
     def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
         """Around each part that moved in the frame with this index."""
@@ -146,16 +152,24 @@ class StaticScene:
             image = replace(image, meta=replace(image.meta, coding=coding))
             yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
 
-    def filter(self, frame: CodedFrame, model: ColorModel) -> MatchedFilter | None:
-        """The filter for light of a color in frames with the noise of one; None for several paints."""
-        if model.rank > 1:
-            return None
+    def of_color(self, frames: Sequence[LinearImage], model: ColorModel) -> StaticScene:
+        """The scene with the color of the object."""
+        k = 0 if self.camera is None else self.camera.registered[0]
+        (first,) = coded_frames(frames, slice(k, k + 1))
+        model = replace(model, to_srgb=first.light((0, 0, 1, 1)).meta.to_srgb)
+        colored = replace(self, model=model)
+        return replace(colored, color=colored.at(frames, first, k)._with_filter(first).color)
+
+    def _with_filter(self, frame: CodedFrame) -> StaticScene:
+        """With the filter for the object's light in frames with the noise of one."""
+        if self.model.rank > 1:
+            return self
 
         def noisy(box: Box) -> LinearImage:
             """The frame in a box, its noise known."""
             return self.with_noise(frame.light(box), box)
 
-        return MatchedFilter.of(self.plate, noisy, model)
+        return replace(self, color=MatchedFilter.of(self.plate, noisy, self.model))
 
     def hidden_in(self, box: Box) -> Bools | None:
         """What is hidden in a box; None for nothing."""

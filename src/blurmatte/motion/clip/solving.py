@@ -22,7 +22,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.clip_path import mistake_probability, priors_of
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
+from blurmatte.motion.clip.matched_filter import moving_parts
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, spread_out, successes
@@ -108,8 +108,6 @@ class FrameSolver:
     """Solves frames of a clip; holds what they share."""
 
     scene: StaticScene
-    model: ColorModel
-    color: MatchedFilter | None
     frame_count: int  #: of the clip
     solver: Solver | None = None  #: None averages all hypotheses
 
@@ -155,8 +153,7 @@ class FrameSolver:
         camera = self.scene.camera
         if camera is None:
             return frame, self, wanted
-        scene = self.scene.at(frames, frame, wanted.index)
-        own = replace(self, scene=scene, color=scene.filter(frame, self.model))
+        own = replace(self, scene=self.scene.at(frames, frame, wanted.index))
         return frame, own, wanted.seen_by(camera)
 
     def solved(self, frame: CodedFrame, wanted: FrameToSolve) -> tuple[Crop, Solution]:
@@ -170,8 +167,8 @@ class FrameSolver:
         if wanted.row.sighting is None:
             moved = enclosing(self.scene.boxes(frame, wanted.index))
             (crop,) = self.scene.crops(frame, [moved])
-            of_any_color = replace(self, model=ColorModel.any())
-            return crop, of_any_color._solution(crop, None, None, None)
+            of_any_color = replace(self.scene, model=ColorModel.any())
+            return crop, replace(self, scene=of_any_color)._solution(crop, None, None, None)
         crop, streak, start, prior = self._prepared(frame, wanted)
         own = replace(self, solver=self.solver or (Swept() if wanted.has_shape else None))
         if prior is None:
@@ -197,7 +194,7 @@ class FrameSolver:
         (crop,) = self.scene.crops(frame, [_box_of(sighting, boxes, frame.size)])
         if prior is not None:
             prior = prior.shifted(-np.array(crop.box[:2], float))
-        start = _start(sighting, crop, self.model, prior)
+        start = _start(sighting, crop, self.scene.model, prior)
         return crop, self._streak(crop, sighting), start, prior
 
     def stretch(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> Stretch | None:
@@ -207,7 +204,8 @@ class FrameSolver:
         if streak is None or prior is None:
             return None
         try:
-            stretch, V = fit_stretch(crop.image, crop.plate, streak, self.model, start, prior)
+            pixels = crop.image, crop.plate, streak
+            stretch, V = fit_stretch(*pixels, self.scene.model, start, prior)
         except BlurmatteError:
             return None
         return (stretch, V) if np.all(np.linalg.eigvalsh(V) > 0) else None  # else it is not in view
@@ -229,7 +227,7 @@ class FrameSolver:
     @property
     def _given(self) -> ColorModel | None:
         """The color of the object, unless it may have any."""
-        return None if self.model.rank == 3 else self.model
+        return None if self.scene.model.rank == 3 else self.scene.model
 
     def silhouette_odds(
         self, frames: Sequence[LinearImage], wanted: FrameToSolve
@@ -259,10 +257,10 @@ class FrameSolver:
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
-        if self.color is None:
+        if self.scene.color is None:
             parts = moving_parts(crop.image, crop.plate) or find_streaks(crop.image, crop.plate)
         else:
-            parts = self.color.within(crop.box).parts(crop.image)
+            parts = self.scene.color.within(crop.box).parts(crop.image)
         x0, y0 = crop.box[:2]
         t = np.linspace(0, 1, 9)[:, None]
         ends = sighting.motion.trajectory.xy[[0, -1]]

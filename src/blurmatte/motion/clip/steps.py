@@ -22,8 +22,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.color import color_in_scene, seen_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
 from blurmatte.motion.clip.linking import link_objects, link_sightings
-from blurmatte.motion.clip.matched_filter import MatchedFilter
-from blurmatte.motion.clip.measure import Detector, in_colors_of, scene_of
+from blurmatte.motion.clip.measure import Detector, scene_of
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
@@ -137,8 +136,6 @@ class ClipMeasured:
     scene : StaticScene or None
         None if all solutions exist.
     model : ColorModel or None
-    colors : (ColorModel, MatchedFilter or None) or None
-        The model in the colors of the frames, and the filter for its light.
     camera : CameraPath, optional
         Of a camera that moves.
     """
@@ -148,7 +145,6 @@ class ClipMeasured:
     rows: list[FrameMotion]
     scene: StaticScene | None = None
     model: ColorModel | None = None
-    colors: tuple[ColorModel, MatchedFilter | None] | None = None
     camera: CameraPath | None = None
 
     @property
@@ -237,14 +233,14 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
         LOG.info("finding the color")
         scene = survey(frames, scene, workers)
         model = _color(clip, scene, workers)
-    colors = in_colors_of(frames, scene, model)
-    detector = Detector(scene, *colors, clip.numbers, clip.rate, clip.several)
+    scene = scene.of_color(frames, model)
+    detector = Detector(scene, clip.numbers, clip.rate, clip.several)
     new = detector.over(frames, workers, len(seen))
     for one in logged(new, "measuring", len(frames) - len(seen)):
         seen.append(one)
         yield one
     rows = clip.linked(seen, camera)
-    yield ClipMeasured(clip, plate, rows, scene, model, colors, camera)
+    yield ClipMeasured(clip, plate, rows, scene, model, camera)
 
 
 def _color(clip: ClipInputs, scene: StaticScene, workers: Workers) -> ColorModel:
@@ -276,11 +272,11 @@ def solved(
     work : callable
         The work in each process, from the solver of frames that it calls.
     """
-    if done.scene is None or done.colors is None:
+    if done.scene is None:
         return
     clip, found = done.clip, done.clip.model is None
     LOG.info("finding what the frames share")
-    each = FrameSolver(done.scene, *done.colors, len(clip.frames), solver)
+    each = FrameSolver(done.scene, len(clip.frames), solver)
     wanted = wanted_frames(clip.frames, done.rows, each, clip.numbers, workers, found)
     rest = [one for one in wanted if one.row.place not in (clip.written or ())]
     outcomes = workers.over(clip.frames, work(each), parts_to_solve(rest))
