@@ -20,15 +20,8 @@ from blurmatte.radiometry import LinearImage, Noise, rounding_noise
 from blurmatte.radiometry.image import VARIANCE_FLOOR, part_of
 from blurmatte.statistics import cell_means, robust_std
 
-# Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells.
-MAX_CELLS = 1e6  # of a picture
-SMOOTHING = (1.0, 3.0)  # std: for small sharp and for faint broad streaks
-SURE = 6.0**2  # T: something moved
-POSSIBLE = 3.5**2  # T: part of a streak if connected to a sure place
+SMOOTHING = (1.0, 3.0)  # std of T, cells: for small sharp and for faint broad streaks
 _ROUNDING_STEPS = 4.0  # codes, to which JPEG and video round blocks
-MIN_RELATIVE_CONTRAST = 0.1  # of a streak's own; below it is a shadow or halo
-CLOSING = 2  # gaps up to twice this are closed
-RIM = 3  # of a streak, fainter than the noise
 _LIGHT_BLOCK_PX = 8  # over which noise averages out, and changes of light do not
 _MIN_LIGHT_CHANGE = 0.01  # standard deviation over the light; alpha is off by several times it
 MIN_DEVIATION = 8.0  # standard deviations of d by which an outlier differs from its neighbors

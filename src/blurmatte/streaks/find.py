@@ -15,18 +15,7 @@ from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Array, Bools, Floats, box_of, check_kind, check_same_size, rows_columns
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors, whitened
-from blurmatte.streaks.evidence import (
-    CLOSING,
-    MAX_CELLS,
-    MIN_RELATIVE_CONTRAST,
-    POSSIBLE,
-    RIM,
-    SMOOTHING,
-    SURE,
-    evidence,
-    light_change,
-    without_outliers,
-)
+from blurmatte.streaks.evidence import SMOOTHING, evidence, light_change, without_outliers
 from blurmatte.streaks.streak import (
     Streak,
     cells_to_pixels,
@@ -36,6 +25,13 @@ from blurmatte.streaks.streak import (
     opened,
 )
 
+# Thresholds of T, and the shape of the masks. Lengths are in cells.
+_MAX_CELLS = 1e6  # of a picture
+_SURE = 6.0**2  # T: something moved
+_POSSIBLE = 3.5**2  # T: part of a streak if connected to a sure place
+_MIN_RELATIVE_CONTRAST = 0.1  # of a streak's own; below it is a shadow or halo
+_CLOSING = 2  # gaps up to twice this are closed
+_RIM = 3  # of a streak, fainter than the noise
 _MIN_EVIDENCE_RATIO = 0.01  # of a streak over the strongest: others are of noise, codec or halo
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction
 _MAX_WIDTH_RATIO = 2.0  # of two parts of one streak
@@ -78,14 +74,14 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
         raise _nothing_usable(image, plate)
     image, plate = with_noise(image, plate)
     image = without_outliers(image, plate)
-    cell = int(np.ceil(np.sqrt(image.valid.size / MAX_CELLS)))
+    cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_CELLS)))
     T = evidence(*whitened(image, plate, of_sums=True), cell)
-    moved = opened(POSSIBLE < T)  # thin: a shifted edge of the plate
-    labels, _ = scipy.ndimage.label(dilated(moved, CLOSING), np.ones((3, 3)))
+    moved = opened(_POSSIBLE < T)  # thin: a shifted edge of the plate
+    labels, _ = scipy.ndimage.label(dilated(moved, _CLOSING), np.ones((3, 3)))
     parts = []
     for number, place in enumerate(scipy.ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
-        for part in _strong_parts(near) if near.max() > SURE else ():
+        for part in _strong_parts(near) if near.max() > _SURE else ():
             cells = np.zeros(T.shape, bool)
             cells[place] = part
             parts.append(cells)
@@ -182,18 +178,18 @@ def without_faint(streaks: Sequence[Streak]) -> list[Streak]:
 def _strong_parts(T: Floats) -> list[Bools]:
     """Masks of the sure parts, without connected weak shadows and halos."""
     typical = float(np.quantile(T[T > 0], 0.9))
-    weakest = MIN_RELATIVE_CONTRAST**2 * typical
-    strong = np.asarray(max(POSSIBLE, weakest) < T)
-    near = dilated(strong, CLOSING)
+    weakest = _MIN_RELATIVE_CONTRAST**2 * typical
+    strong = np.asarray(max(_POSSIBLE, weakest) < T)
+    near = dilated(strong, _CLOSING)
     pieces, count = scipy.ndimage.label(near, np.ones((3, 3)))
     tops = scipy.ndimage.maximum(T, pieces, np.arange(1, count + 1))
-    return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > SURE]
+    return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > _SURE]
 
 
 def _grown(part: Bools) -> Bools:
     """A part of the cells, closed, filled, and with its faint rim."""
     place = rows_columns(box_of(part))
-    return grown_part(part[place], place, part.shape, CLOSING, RIM)
+    return grown_part(part[place], place, part.shape, _CLOSING, _RIM)
 
 
 def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
@@ -210,7 +206,7 @@ def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[St
 
     def behind(mask: Bools) -> Bools:
         """The part of the occluder within its width of a mask."""
-        grown = dilated(mask, RIM)
+        grown = dilated(mask, _RIM)
         return np.asarray(
             occluder
             & scipy.ndimage.binary_dilation(grown, iterations=across, mask=occluder | grown)
