@@ -25,14 +25,8 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals, parts_of_tracks
-from blurmatte.motion.clip.robust_curve import RobustCurve, whole_rows
-from blurmatte.motion.clip.smoothing import (
-    MIN_FRAMES,
-    MIN_STD_PX,
-    Measurements,
-    student_inflation,
-    transition,
-)
+from blurmatte.motion.clip.robust_curve import MIN_FRAMES, RobustCurve, whole_rows
+from blurmatte.motion.clip.smoothing import MIN_STD_PX, Measurements, student_inflation, transition
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.model.priors import MotionPrior, PathPrior

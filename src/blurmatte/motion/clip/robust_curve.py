@@ -15,26 +15,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
+import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, parts_of_tracks
 from blurmatte.motion.clip.smoothing import (
+    MIN_OUTLIER_PROBABILITY,
     MIN_STD_PX,
     Estimate,
     Measurements,
-    added_std,
-    excess_over_noise,
-    in_large_parts,
     least_decades,
+    noise_scale,
     student_cost,
     student_weights,
 )
 
+MIN_FRAMES = 5  # in which a mistake can be distinguished from its neighbors
 _ROUNDS = 3  # of errors and curve at most
 _REWEIGHTINGS = 3  # in a round
 # Powers of ten: of the intensity of the noise, pixels² per interval to the power 2p − 1, where its
@@ -131,7 +132,7 @@ class RobustCurve:
 
     def without_outliers(self) -> Self:
         """Without frames that differ from their prediction by more than noise does."""
-        large = self.used & in_large_parts(self.used, self.part)
+        large = self.used & self._in_large_parts
         return replace(self, used=self.used & (self._excess(self._compared()[0], large) <= 1))
 
     def cost(self, of: Bools | None = None) -> float:
@@ -187,7 +188,7 @@ class RobustCurve:
     def contradicts(self) -> Bools:
         """(n,) whole or sound rows that differ from the prediction by more than noise does."""
         sound = _which(self.frames, lambda one: one.is_sound)
-        sound &= self._of_moments & in_large_parts(self.used, self.part)
+        sound &= self._of_moments & self._in_large_parts
         excess = self._excess(self._compared(self.added_to_moments)[0], sound)
         return (whole_rows(self.frames) & ~self.used) | (excess > 1)
 
@@ -218,6 +219,12 @@ class RobustCurve:
     def _of_moments(self) -> Bools:
         """(n,) rows measured by the moments of alpha."""
         return _which(self.frames, lambda one: not one.motion.has_shape)
+
+    @property
+    def _in_large_parts(self) -> Bools:
+        """(n,) where a part has enough rows in use to find a mistake."""
+        counts = np.bincount(self.part, weights=self.used, minlength=1)
+        return np.asarray(counts[self.part] >= MIN_FRAMES)
 
     @property
     def _kinds(self) -> list[slice]:
@@ -263,13 +270,19 @@ class RobustCurve:
             _, z, S = self._differences(rows, of)
             values, vectors = np.linalg.eigh(S)
             z2 = np.einsum("kmi,km->ki", vectors, z) ** 2
-            largest = float(z2.max(initial=0)) ** 0.5
-            found.append(added_std(partial(_mean_ratio, z2, values), largest))
+            found.append(_added_std(z2, values))
         return found
 
     def _excess(self, chi2: Array, which: Bools) -> Array:
-        """(n,) χ² of some rows over the limit of noise; 0 of others."""
-        return excess_over_noise(chi2.sum(axis=1), self.measured.sum(axis=1), which)
+        """(n,) χ² of some rows over the limit of noise, of the scale of their median; 0 of others."""
+        total, freedom = chi2.sum(axis=1), self.measured.sum(axis=1)
+        known = which & np.isfinite(total)
+        if not known.any():
+            return np.zeros(len(total))
+        scale = noise_scale(total[known], freedom[known])
+        limit = MIN_OUTLIER_PROBABILITY / int(known.sum())
+        noise = scale * scipy.special.chdtri(np.maximum(freedom, 1.0), limit)
+        return np.where(known, total / noise, 0)
 
 
 def whole_rows(frames: Sequence[FrameMotion]) -> Bools:
@@ -290,6 +303,17 @@ def _which(frames: Sequence[FrameMotion], test: Callable[[Sighting], bool]) -> B
     return np.array([row.sighting is not None and test(row.sighting) for row in frames], bool)
 
 
-def _mean_ratio(z2: Array, variance: Array, added: float) -> float:
-    """Mean of squared residuals over their variances with an error added; 0 without any."""
-    return float(np.mean(z2 / np.maximum(variance + added**2, 1e-12))) if z2.size else 0.0
+def _added_std(z2: Array, variance: Array) -> float:
+    """The added error that makes the mean of squared residuals over variances 1; 0 if it is less."""
+
+    def exceeds(added: float) -> bool:
+        """Whether the mean is larger with an error added."""
+        return bool(z2.size and np.mean(z2 / np.maximum(variance + added**2, 1e-12)) > 1)
+
+    if not exceeds(0.0):
+        return 0.0
+    low, high = MIN_STD_PX, max(float(np.sqrt(z2.max())), MIN_STD_PX)
+    for _ in range(10):  # to a hundredth
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if exceeds(middle) else (low, middle)
+    return high

@@ -38,7 +38,6 @@ _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determ
 _MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
 _STUDENT_FREEDOM = 4.0  # degrees of freedom of the likelihood, few: bounces are outliers
 MIN_OUTLIER_PROBABILITY = 1e-3  # that noise differs by as much in any measurement
-MIN_FRAMES = 5  # in which a mistake can be distinguished from its neighbors
 MIN_STD_PX = 1e-3  # no position, displacement or radius is known better
 
 
@@ -225,40 +224,9 @@ def least_decades(
     return np.array(min(map(search, starts), key=lambda found: found[0])[1])
 
 
-def added_std(reduced_chi2: Callable[[float], float], largest: float) -> float:
-    """The added error that makes a reduced χ² 1, up to a largest one; 0 if it is less without."""
-    low, high = MIN_STD_PX, max(largest, MIN_STD_PX)
-    if not reduced_chi2(0.0) > 1:
-        return 0.0
-    for _ in range(10):  # to a hundredth
-        middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if reduced_chi2(middle) > 1 else (low, middle)
-    return high
-
-
-def excess_over_noise(chi2: Array, freedom: Array, which: Bools) -> Array:
-    """(n,) χ² over the limit of noise, whose scale is from the median of some; 0 of others.
-
-    chi2, freedom (n,): of each, NaN if unknown.
-    which (n,): those that are compared.
-    """
-    known = which & np.isfinite(chi2)
-    if not known.any():
-        return np.zeros(len(chi2))
-    scale = noise_scale(chi2[known], freedom[known])
-    limit = MIN_OUTLIER_PROBABILITY / int(known.sum())
-    return np.where(known, chi2 / scale / scipy.special.chdtri(np.maximum(freedom, 1.0), limit), 0)
-
-
 def noise_scale(chi2: Array, freedom: Array) -> float:
     """Variance of the noise in units of the stated one, from the median of χ² (n,); at least 1."""
     return max(float(np.median(chi2 / scipy.special.chdtri(freedom, 0.5))), 1.0)
-
-
-def in_large_parts(used: Bools, part: npt.NDArray[np.int_]) -> Bools:
-    """(n,) where a part has enough measurements in use to find a mistake."""
-    counts = np.bincount(part, weights=used, minlength=1) if len(part) else np.zeros(1)
-    return np.asarray(counts[part] >= MIN_FRAMES)
 
 
 @njit()
