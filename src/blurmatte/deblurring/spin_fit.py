@@ -34,7 +34,6 @@ from blurmatte.deblurring.refine import ExplainedViews, explained, refined, scor
 from blurmatte.deblurring.spin import HARMONICS, Spin
 from blurmatte.deblurring.spin_search import (
     CONTRASTS,
-    NO_TEXTURE,
     NODES_PER_RADIUS,
     SAME_MODE,
     SPACING,
@@ -59,6 +58,7 @@ PATH_PRIOR_PX = 0.5  # a texture that turns biases the path of a sweep by more t
 RADIUS_PRIOR_PX = 0.1  # the same of its radius
 MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
 PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
+_NO_TEXTURE = 1e-3  # contrast of a ball of one paint, linear light
 _COARSE_PIXELS_PER_RADIUS = 7  # of the view in which rotations are sought
 _MAX_STARTS = 24  # from the grid
 _RANKED_AGAIN = 150  # rotations of the grid
@@ -259,7 +259,7 @@ def _new_rotations(
     """Likely rotations that no state has, unless a ball without texture explains the light as well."""
     found = [mode.rotation for mode in modes]
     textured = max(one.log_evidence for one in search.solved(found[0], CONTRASTS))
-    (plain,) = search.solved(found[0], (NO_TEXTURE,))
+    (plain,) = search.solved(found[0], (_NO_TEXTURE,))
     gain = (textured - plain.log_evidence) / VARIANCE_INFLATION
     if gain < DECISIVE_LOG_BAYES_FACTOR:
         raise SpinError(

@@ -52,7 +52,6 @@ _GLOSS_CELLS = 5  # of the lattice of highlights, 18° each
 _GLOSS_STD = 0.1  # of highlights at a node, linear light
 _FIELD_STD = 0.2  # of the coefficients of shading, linear light
 CONTRASTS = 0.4, 0.15, 0.05  # of neighbors of the coarse lattice, linear light
-NO_TEXTURE = 1e-3  # contrast of a ball of one paint
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from blurmatte.checks import (
-    Array,
-    check_finite,
-    check_light,
-    check_not_negative,
-    check_positive,
-)
+from blurmatte.checks import Array, check_finite, check_light, check_not_negative, check_positive
 from blurmatte.color.model import ColorModel
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage, shade
 from blurmatte.rendering.lighting import (

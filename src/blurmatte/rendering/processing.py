@@ -19,14 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import (
-    Array,
-    Codes,
-    Codes8,
-    Floats,
-    check_not_negative,
-    check_positive,
-)
+from blurmatte.checks import Array, Codes, Codes8, Floats, check_not_negative, check_positive
 from blurmatte.errors import optional_library
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, YCBCR, NoiseModel, Transfer
 from blurmatte.radiometry.coded import rec709_converter

@@ -19,13 +19,7 @@ from blurmatte.files.documents import parse_toml, read_document
 from blurmatte.files.reading import read, read_layer
 from blurmatte.radiometry import NoiseModel, named_transfer
 from blurmatte.radiometry.transfer import is_hex, light_of_hex
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shot,
-    colorful_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
 from blurmatte.rendering.flat_bodies import Cube, Sheet, Sprite, star_sprite
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import (

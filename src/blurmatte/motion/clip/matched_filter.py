@@ -9,11 +9,7 @@ import scipy
 from blurmatte.checks import Bools, Box, Floats, Floats32, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import may_be_shadow
-from blurmatte.color.streak import (
-    projected_energy,
-    projection_vectors,
-    projection_weights,
-)
+from blurmatte.color.streak import projected_energy, projection_vectors, projection_weights
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MAD_TO_STD
 from blurmatte.streaks import Streak, dilated, find_streaks, grown_part, opened
@@ -23,10 +19,7 @@ _SMOOTHING_PX = 1.5  # standard deviation of the Gaussian
 _DETECTION_STD = 6.0  # standard deviations of the smoothed light p: a part exists
 _EXTENT_STD = 2.5  # the same: a pixel belongs to a part
 _MIN_STRENGTH_FRACTION = 0.1  # of a part's own: less is a reflection, or coding blocks
-MIN_ENERGY_FRACTION = 0.1  # of a frame's strongest part: less is not the object
 _MIN_AREA_PX = 25
-MAX_PARTS = 3  # of a frame, for one object
-MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
 _CLOSING_PX = 3  # gaps where the plate has the object's own color
 _MARGIN_PX = 4  # where the edge fades below the noise
 _STRIP_ROWS = 256  # that are filtered at a time: a multiple of 4, the grid of the noise

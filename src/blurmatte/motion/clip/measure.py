@@ -31,19 +31,10 @@ from blurmatte.motion.clip.detections import (
     FrameSightings,
     Sighting,
 )
-from blurmatte.motion.clip.matched_filter import (
-    MAX_PARTS,
-    MAX_PARTS_OF_SEVERAL,
-    MIN_ENERGY_FRACTION,
-    moving_parts,
-)
+from blurmatte.motion.clip.matched_filter import moving_parts
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
-from blurmatte.motion.picture.measure import (
-    motion_of_added_light,
-    motion_of_alpha,
-    motion_of_sweep,
-)
+from blurmatte.motion.picture.measure import motion_of_added_light, motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, each_coded
@@ -54,6 +45,9 @@ from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 
+_MIN_ENERGY_FRACTION = 0.1  # of a frame's strongest part: less is not the object
+_MAX_PARTS = 3  # of a frame, for one object
+_MAX_PARTS_OF_SEVERAL = 16  # the same for several objects
 _MARGIN = 24  # pixels around a streak whose alpha is solved
 _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
 _MIN_KNOWN_FRACTION = 0.5  # of a streak's pixels, whose alpha the moments are of
@@ -215,9 +209,9 @@ class Detector:
         else:
             parts = [(c, one) for c in crops for one in color.within(c.box).parts(c.image)]
             strongest = max((one.evidence for _, one in parts), default=0.0)
-            least = MIN_ENERGY_FRACTION * max(strongest, 0.0)
+            least = _MIN_ENERGY_FRACTION * max(strongest, 0.0)
         parts = [part for part in parts if part[1].evidence > least]
-        most = MAX_PARTS_OF_SEVERAL if self.several else MAX_PARTS
+        most = _MAX_PARTS_OF_SEVERAL if self.several else _MAX_PARTS
         return sorted(parts, key=lambda part: -part[1].evidence)[:most]
 
 
