@@ -12,7 +12,8 @@ from scipy import ndimage
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
 from blurmatte.streaks import Streak
-from blurmatte.streaks.streak import dilated, expected_false, opened
+from blurmatte.streaks.find import expected_false
+from blurmatte.streaks.streak import dilated, opened
 
 BOXES = (40, 60, 160, 78), (200, 220, 224, 232)  # x0, y0, x1, y1
 

@@ -3,6 +3,11 @@
 A streak loses its contrast where the plate has the object's color, and is then found in parts. Parts on
 one curve, of one width, with weak evidence between them are joined. Such parts are (n, 2) arrays of the
 x and y of their cells, and a curve is v = a + b u + c u² along the principal axis u of two parts.
+
+The picture is divided into tiles, which show how likely a streak is due to noise. The largest T of a
+tile where nothing moved has an extreme-value distribution; that of compression has a heavy tail, so
+that log T is taken as Gumbel (T as Fréchet). Its two parameters follow from two quantiles of the tiles,
+and the expected number of tiles of the picture above a T from these.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,14 +21,7 @@ from blurmatte.checks import Array, Bools, Floats, box_of, check_kind, check_sam
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors, whitened
 from blurmatte.streaks.evidence import SMOOTHING, evidence, light_change, without_outliers
-from blurmatte.streaks.streak import (
-    Streak,
-    cells_to_pixels,
-    dilated,
-    expected_false,
-    grown_part,
-    opened,
-)
+from blurmatte.streaks.streak import Streak, dilated, grown_part, opened
 
 # Thresholds of T, and the shape of the masks. Lengths are in cells.
 _MAX_CELLS = 1e6  # of a picture
@@ -36,6 +34,9 @@ _MIN_EVIDENCE_RATIO = 0.01  # of a streak over the strongest: others are of nois
 _MIN_ELONGATION = 2.0  # length over width from which a part has a direction
 _MAX_WIDTH_RATIO = 2.0  # of two parts of one streak
 _PARABOLA = 3  # parameters: of fewer cells it is not determined
+_TILE_CELLS = 8, 32  # at least: T is correlated over fewer; at most
+_TILES_PER_SIDE = 16  # between these limits
+_QUANTILES = 0.5, 0.95  # of the tiles' largest T; above it is what did move
 _STILL_QUANTILE = 0.95  # of T where nothing moved: the corridor's median exceeds it
 
 
@@ -89,7 +90,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     expected = expected_false(T, parts) if len(parts) > 1 else [0.0] * len(parts)
     streaks = [
         Streak(
-            cells_to_pixels(_grown(part), cell, image.valid.shape),
+            _to_pixels(part, cell, image.valid.shape),
             evidence=float(T[part].sum()),
             cell=cell,
             expected_false=false,
@@ -186,10 +187,45 @@ def _strong_parts(T: Floats) -> list[Bools]:
     return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > _SURE]
 
 
-def _grown(part: Bools) -> Bools:
-    """A part of the cells, closed, filled, and with its faint rim."""
+def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
+    """(H, W) mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
     place = rows_columns(box_of(part))
-    return grown_part(part[place], place, part.shape, _CLOSING, _RIM)
+    cells = grown_part(part[place], place, part.shape, _CLOSING, _RIM)
+    pixels = cells.repeat(cell, axis=0).repeat(cell, axis=1)
+    return np.asarray(pixels[: shape[0], : shape[1]])
+
+
+def expected_false(T: Floats, parts: Sequence[Bools]) -> list[float]:
+    """For each part of the cells, the number of equally strong ones that are due to noise.
+
+    T (h, w): the test statistic, see `evidence`. parts: masks (h, w), at least one. Noise does not fill
+    a tile: a larger part counts as 0, and its tiles are left out, as are those of the strongest part.
+    """
+    tile = int(np.clip(np.sqrt(T.size) / _TILES_PER_SIDE, *_TILE_CELLS))
+    tops = _largest(T, tile)
+    strongest = max(float(T[part].sum()) for part in parts)
+    large = [
+        np.count_nonzero(part) > tile**2 or float(T[part].sum()) == strongest for part in parts
+    ]
+    moved = np.zeros(tops.shape, bool)
+    for part in (part for part, is_large in zip(parts, large, strict=True) if is_large):
+        moved |= _largest(part, tile)
+    still = np.log(np.maximum(tops[~moved], 1e-3))
+    if still.size < 2:
+        return [0.0] * len(parts)
+    low, high = np.quantile(still, _QUANTILES)
+    reduced = [-np.log(-np.log(q)) for q in _QUANTILES]
+    spread = max(float(high - low) / (reduced[1] - reduced[0]), 1e-3)
+    middle = float(low) - spread * reduced[0]
+    excess = [(np.log(float(T[part].max())) - middle) / spread for part in parts]
+    expected = [float(tops.size * -np.expm1(-np.exp(-one))) for one in excess]
+    return [0.0 if is_large else e for is_large, e in zip(large, expected, strict=True)]
+
+
+def _largest(values: Floats | Bools, tile: int) -> Floats:
+    """The largest value of each tile; those at the right and lower border may be smaller."""
+    rows = np.maximum.reduceat(values, np.arange(0, values.shape[0], tile), axis=0)
+    return np.asarray(np.maximum.reduceat(rows, np.arange(0, values.shape[1], tile), axis=1))
 
 
 def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
