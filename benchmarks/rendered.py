@@ -11,9 +11,10 @@ from blurmatte.checks import Array, Floats, check_light
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.rendering.camera import noisy
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
 from blurmatte.rendering.lighting import check_color
-from blurmatte.rendering.processing import Rng, noisy
+from blurmatte.rendering.processing import Rng
 
 
 def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:

@@ -9,7 +9,7 @@ from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.smooth import rounding_pulls
 from blurmatte.matting.smooth_field import BORDER, CellEvidence
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
-from blurmatte.rendering.processing import subsample_chroma
+from blurmatte.rendering.camera import subsample_chroma
 
 SHAPE = (48, 64)
 NOISE = NoiseModel(read_std=0.003)

@@ -12,7 +12,7 @@ from scipy.fft import dctn, idctn
 from blurmatte.jpeg.coding import compression_of
 from blurmatte.radiometry import SRGB, CodingError, Compression
 from blurmatte.radiometry.compression import lost_change, quantization_variance
-from blurmatte.rendering.processing import from_jpeg, to_jpeg
+from blurmatte.rendering.camera import from_jpeg, to_jpeg
 
 SAMPLINGS = ["4:4:4", "4:2:2", "4:2:0"]
 NOISE = 1.5 / 255

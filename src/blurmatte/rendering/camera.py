@@ -1,31 +1,21 @@
 """Camera: exact light → optics → noise → processing → code values → light decoded from the file."""
 
+import io
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from blurmatte.checks import Codes, Floats, check_kind, check_light, check_not_negative
+from blurmatte.checks import Codes, Codes8, Floats, check_kind, check_light, check_not_negative
 from blurmatte.jpeg.coding import compression_of
-from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
-from blurmatte.radiometry.sensor import variance_shares
+from blurmatte.radiometry import SRGB, YCBCR, LinearImage, NoiseModel, Transfer, decode
+from blurmatte.radiometry.sensor import demosaic, tiled, variance_shares
 from blurmatte.rendering.coverage import disc_kernel
-from blurmatte.rendering.processing import (
-    BAYER,
-    CHROMAS,
-    FULL_CHROMA,
-    Processing,
-    Rng,
-    check_8_bit_codes,
-    check_bits,
-    from_jpeg,
-    noisy,
-    rounded,
-    subsample_chroma,
-    through_mosaic,
-    to_jpeg,
-)
+from blurmatte.rendering.processing import Processing, Rng, check_8_bit_codes, check_bits, rounded
 
+BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
+FULL_CHROMA = "4:4:4"
+CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
 _NO_NOISE = NoiseModel()
 _NO_PROCESSING = Processing()
 
@@ -267,3 +257,78 @@ class Camera:
             return self.noise
         of_codes = (self.code_std * self.transfer.slope(light)) ** 2
         return np.asarray(self.noise.variance(light) + of_codes, dtype=light.dtype)
+
+
+def noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
+    """Add noise to light that is already checked; float64."""
+    with_noise: Floats = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
+    return with_noise
+
+
+def through_mosaic(light: Floats) -> Floats:
+    """Keep one channel per pixel and interpolate the other two from its neighbors, (H, W, 3)."""
+    if min(light.shape[:2]) < 2:
+        height, width = light.shape[:2]
+        raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
+    seen = tiled(BAYER, light.shape[:2])[..., None]
+    return demosaic(np.take_along_axis(light, seen, axis=2)[..., 0], BAYER)
+
+
+def subsample_chroma(values: Floats, chroma: str, steps: int) -> Floats:
+    """Code values after chroma subsampling, as in uncompressed video.
+
+    Cb and Cr are averaged over each pair or block, all three components are rounded to `steps` steps,
+    and chroma is interpolated linearly between the block centers. The result may leave 0…1 slightly.
+    """
+    Y, Cb, Cr = np.moveaxis(values @ YCBCR.T, -1, 0)
+    parts = _quantized(Y, steps), *(_subsampled(c, chroma, steps) for c in (Cb, Cr))
+    return np.asarray(np.stack(parts, axis=-1) @ np.linalg.inv(YCBCR).T)
+
+
+def _quantized(x: Floats, steps: int) -> Floats:
+    return np.asarray(np.rint(steps * x) / steps)
+
+
+def _subsampled(x: Floats, chroma: str, steps: int) -> Floats:
+    """Average over blocks, round, and interpolate between the block centers."""
+    shape = x.shape
+    for axis in CHROMAS[chroma]:
+        x = _halved(x, axis)
+    x = _quantized(x, steps)
+    for axis in CHROMAS[chroma]:
+        x = _doubled(x, axis, shape[axis])
+    return x
+
+
+def _halved(x: Floats, axis: int) -> Floats:
+    """Averages of pairs along `axis`; the last value of an odd count has no partner."""
+    first, second = np.arange(0, x.shape[axis], 2), np.arange(1, x.shape[axis] + 1, 2)
+    pairs = x.take(first, axis) + x.take(second, axis, mode="clip")
+    return np.asarray(pairs / 2)
+
+
+def _doubled(x: Floats, axis: int, count: int) -> Floats:
+    """`count` values along `axis`, each a quarter of a step from its pair's center."""
+    own = np.arange(count) // 2
+    other = own + np.where(np.arange(count) % 2, 1, -1)
+    return np.asarray(0.75 * x.take(own, axis) + 0.25 * x.take(other, axis, mode="clip"))
+
+
+def to_jpeg(codes: Codes, quality: int, chroma: str) -> bytes:
+    """Encode (H, W, 3) uint8 sRGB codes as a JPEG file that is tagged as sRGB."""
+    from PIL import Image
+    from PIL.ExifTags import IFD, Base
+
+    exif = Image.Exif()
+    exif.get_ifd(IFD.Exif)[Base.ColorSpace] = 1  # sRGB
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", quality=quality, subsampling=chroma, exif=exif)
+    return file.getvalue()
+
+
+def from_jpeg(file: bytes) -> Codes8:
+    """Decode a JPEG file to (H, W, 3) codes."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(file)) as picture:
+        return np.array(picture)

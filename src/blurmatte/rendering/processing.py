@@ -1,4 +1,4 @@
-"""In a camera: noise, color filters, processing of code values, and their compression.
+"""Processing of code values in a camera, their rounding, and their compression as a clip.
 
 Phones reduce noise, apply a tone curve and sharpen. In this file `values` are R'G'B' code values 0…1,
 (H, W, 3), and `codes` are the integers of a file. None of the three steps is linear in light, and the
@@ -16,20 +16,15 @@ from fractions import Fraction
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Codes, Codes8, Floats, check_not_negative, check_positive
 from blurmatte.errors import optional_library
-from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, YCBCR, NoiseModel, Transfer
+from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, YCBCR, Transfer
 from blurmatte.radiometry.coded import rec709_converter
-from blurmatte.radiometry.sensor import demosaic, tiled
 
 Rng = int | np.random.Generator
 
-BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
-FULL_CHROMA = "4:4:4"
-CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
 _RATE = Fraction(30)  # frames per second; the rate control of a constant crf depends on it
 
 
@@ -127,21 +122,6 @@ def _sharpened(values: Array, amount: float, radius: float) -> Array:
     return np.asarray(values + amount * (Y - scipy.ndimage.gaussian_filter(Y, radius))[..., None])
 
 
-def noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
-    """Add noise to light that is already checked; float64."""
-    with_noise: Floats = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
-    return with_noise
-
-
-def through_mosaic(light: Floats) -> Floats:
-    """Keep one channel per pixel and interpolate the other two from its neighbors, (H, W, 3)."""
-    if min(light.shape[:2]) < 2:
-        height, width = light.shape[:2]
-        raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
-    seen = tiled(BAYER, light.shape[:2])[..., None]
-    return demosaic(np.take_along_axis(light, seen, axis=2)[..., 0], BAYER)
-
-
 def encode_codes(light: Floats, bits: int, transfer: Transfer = SRGB) -> Codes:
     """Encode linear `light` of any shape as rounded and clipped integer code values.
 
@@ -171,66 +151,6 @@ def rounded(values: Floats, bits: int) -> Codes:
         return codes.astype(np.uint8)
     codes = np.rint(codes * (65535 / steps))
     return codes.astype(np.uint16)
-
-
-def subsample_chroma(values: Floats, chroma: str, steps: int) -> Floats:
-    """Code values after chroma subsampling, as in uncompressed video.
-
-    Cb and Cr are averaged over each pair or block, all three components are rounded to `steps` steps,
-    and chroma is interpolated linearly between the block centers. The result may leave 0…1 slightly.
-    """
-    Y, Cb, Cr = np.moveaxis(values @ YCBCR.T, -1, 0)
-    parts = _quantized(Y, steps), *(_subsampled(c, chroma, steps) for c in (Cb, Cr))
-    return np.asarray(np.stack(parts, axis=-1) @ np.linalg.inv(YCBCR).T)
-
-
-def _quantized(x: Floats, steps: int) -> Floats:
-    return np.asarray(np.rint(steps * x) / steps)
-
-
-def _subsampled(x: Floats, chroma: str, steps: int) -> Floats:
-    """Average over blocks, round, and interpolate between the block centers."""
-    shape = x.shape
-    for axis in CHROMAS[chroma]:
-        x = _halved(x, axis)
-    x = _quantized(x, steps)
-    for axis in CHROMAS[chroma]:
-        x = _doubled(x, axis, shape[axis])
-    return x
-
-
-def _halved(x: Floats, axis: int) -> Floats:
-    """Averages of pairs along `axis`; the last value of an odd count has no partner."""
-    first, second = np.arange(0, x.shape[axis], 2), np.arange(1, x.shape[axis] + 1, 2)
-    pairs = x.take(first, axis) + x.take(second, axis, mode="clip")
-    return np.asarray(pairs / 2)
-
-
-def _doubled(x: Floats, axis: int, count: int) -> Floats:
-    """`count` values along `axis`, each a quarter of a step from its pair's center."""
-    own = np.arange(count) // 2
-    other = own + np.where(np.arange(count) % 2, 1, -1)
-    return np.asarray(0.75 * x.take(own, axis) + 0.25 * x.take(other, axis, mode="clip"))
-
-
-def to_jpeg(codes: npt.NDArray[np.unsignedinteger], quality: int, chroma: str) -> bytes:
-    """Encode (H, W, 3) uint8 sRGB codes as a JPEG file that is tagged as sRGB."""
-    from PIL import Image
-    from PIL.ExifTags import IFD, Base
-
-    exif = Image.Exif()
-    exif.get_ifd(IFD.Exif)[Base.ColorSpace] = 1  # sRGB
-    file = io.BytesIO()
-    Image.fromarray(codes).save(file, "JPEG", quality=quality, subsampling=chroma, exif=exif)
-    return file.getvalue()
-
-
-def from_jpeg(file: bytes) -> Codes8:
-    """Decode a JPEG file to (H, W, 3) codes."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(file)) as picture:
-        return np.array(picture)
 
 
 def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
