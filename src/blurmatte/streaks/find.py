@@ -11,7 +11,7 @@ and the expected number of tiles of the picture above a T from these.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -258,48 +258,30 @@ def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[St
     return [whole, *rest]
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A parabola through two parts that follow each other, and the corridor between them."""
-
-    frame: Array  # (2, 2) unit vectors along u and v
-    origin: Array  # (2,) the center of both parts
-    bend: Array  # (3,) c, b, a
-    gap: tuple[float, float]  # of u, between the parts
-    half_width: float
-
-    @classmethod
-    def through(cls, one: Array, other: Array) -> "Curve | None":
-        """The curve of two parts; None unless they lie in line."""
-        both = np.concatenate([one, other])
-        origin, frame = both.mean(axis=0), _axes(both)
-        first, second = sorted(((p - origin) @ frame.T for p in (one, other)), key=_start)
-        gap = (float(first[:, 0].max()), float(second[:, 0].min()))
-        if gap[0] >= gap[1] or not (_is_elongated(first) and _is_elongated(second)):
+def _corridor_between(one: Array, other: Array, shape: tuple[int, ...]) -> Bools | None:
+    """(h, w) the cells between two parts that follow each other on one parabola; None for others."""
+    both = np.concatenate([one, other])
+    origin, frame = both.mean(axis=0), _axes(both)
+    parts = ((p - origin) @ frame.T for p in (one, other))
+    first, second = sorted(parts, key=lambda part: float(part[:, 0].mean()))
+    end, begin = first[:, 0].max(), second[:, 0].min()
+    if end >= begin or not (_is_elongated(first) and _is_elongated(second)):
+        return None
+    spreads = [_spread(part) for part in (first, second)]
+    if max(spreads) > _MAX_WIDTH_RATIO * min(spreads):
+        return None
+    u, v = np.concatenate([first, second]).T
+    bend = np.polyfit(u, v, 2)
+    for part, spread in zip((first, second), spreads, strict=True):
+        offset = float(np.mean((part[:, 1] - np.polyval(bend, part[:, 0])) ** 2)) - spread**2
+        if offset > spread**2:
             return None
-        spreads = [_spread(part) for part in (first, second)]
-        if max(spreads) > _MAX_WIDTH_RATIO * min(spreads):
-            return None
-        u, v = np.concatenate([first, second]).T
-        bend = np.polyfit(u, v, 2)
-        for part, spread in zip((first, second), spreads, strict=True):
-            offset = float(np.mean((part[:, 1] - np.polyval(bend, part[:, 0])) ** 2)) - spread**2
-            if offset > spread**2:
-                return None
-        return cls(frame, origin, bend, gap, float(np.sqrt(3) * np.mean(spreads)))
-
-    def corridor(self, shape: tuple[int, ...]) -> Bools:
-        """(h, w) the cells between the two parts."""
-        y, x = np.indices(shape, sparse=True)
-        (ux, uy), (vx, vy) = self.frame
-        x, y = x - self.origin[0], y - self.origin[1]
-        u, v = ux * x + uy * y, vx * x + vy * y
-        inside = (u > self.gap[0]) & (u < self.gap[1])
-        return np.asarray(inside & (np.abs(v - np.polyval(self.bend, u)) <= self.half_width))
-
-
-def _start(part: Array) -> float:
-    return float(part[:, 0].mean())
+    y, x = np.indices(shape, sparse=True)
+    (ux, uy), (vx, vy) = frame
+    x, y = x - origin[0], y - origin[1]
+    u, v = ux * x + uy * y, vx * x + vy * y
+    half_width = float(np.sqrt(3) * np.mean(spreads))
+    return np.asarray((u > end) & (u < begin) & (np.abs(v - np.polyval(bend, u)) <= half_width))
 
 
 def _axes(part: Array) -> Array:
@@ -351,8 +333,7 @@ def _joined(parts: list[Bools], is_streak: Callable[[Bools], bool]) -> list[Bool
         part = waiting.pop(0)
         cells = _cells(part)
         for k, (other, places) in enumerate(done):
-            curve = Curve.through(places, cells)
-            corridor = None if curve is None else curve.corridor(part.shape)
+            corridor = _corridor_between(places, cells, part.shape)
             if corridor is not None and corridor.any() and is_streak(corridor):
                 del done[k]
                 waiting.insert(0, other | part | corridor)
