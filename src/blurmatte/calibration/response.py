@@ -162,7 +162,7 @@ def fit_response(
         fit.data.seen,
         difference,
         agree,
-        _mean_residuals(fit.data, _predicted(fit.theta, fit.data).codes),
+        _mean_residuals(fit.theta, fit.data),
     )
 
 
@@ -236,19 +236,6 @@ class _SharedCodes:
         logs = self.bracket.time_std * theta[-len(self.bracket.times) :]
         return np.asarray(self.bracket.times * np.exp(logs - logs.mean()))
 
-    def residuals(self, codes: Array) -> Array:
-        """(N, pictures) residuals from predicted code values, 0 where they are not usable."""
-        return np.where(self.usable, self.codes - codes, 0)
-
-
-@dataclass(frozen=True, eq=False)
-class _Prediction:
-    """Predicted code values, for the light of each place that fits best."""
-
-    curve: _ResponseCurve
-    codes: Array  # (N, pictures)
-    flow: Array  # (N, pictures) change of light by log time
-
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
@@ -270,8 +257,8 @@ def _check_agreement(fit: _Fit) -> None:
         )
 
 
-def _predicted(theta: Array, data: _SharedCodes) -> _Prediction:
-    """The prediction of parameters: the light of each place by least squares in code values."""
+def _predicted(theta: Array, data: _SharedCodes) -> tuple[_ResponseCurve, Array]:
+    """The curve of parameters, and (N, pictures) the light that fits the code values best."""
     curve, t, v = _ResponseCurve.of(theta), data.times(theta), data.codes
     weight = np.where(data.usable, t / curve.slope(v), 0) ** 2
     G = np.interp(v, _CODES, curve.light)
@@ -282,12 +269,18 @@ def _predicted(theta: Array, data: _SharedCodes) -> _Prediction:
         step = np.sum(pull * (v - codes), axis=1) / np.sum(pull**2, axis=1)
         x = np.clip(x + step, x / 2, x * 2)
         codes = curve.encoded(x[:, None] * t)
-    return _Prediction(curve, codes, x[:, None] * t)
+    return curve, x[:, None] * t
+
+
+def _residuals(theta: Array, data: _SharedCodes) -> Array:
+    """(N, pictures) residuals from predicted code values, 0 where they are not usable."""
+    curve, light = _predicted(theta, data)
+    return np.where(data.usable, data.codes - curve.encoded(light), 0)
 
 
 def _squares(theta: Array, data: _SharedCodes) -> Array:
     """(N,) sums of squared residuals of the places."""
-    return np.asarray(np.sum(data.residuals(_predicted(theta, data).codes) ** 2, axis=1))
+    return np.asarray(np.sum(_residuals(theta, data) ** 2, axis=1))
 
 
 def _start(places: Places, bracket: Bracket) -> Array:
@@ -333,14 +326,13 @@ def _inliers(theta: Array, data: _SharedCodes) -> tuple[_SharedCodes, float]:
 
 def _standardized_residuals(theta: Array, data: _SharedCodes) -> Array:
     """Residuals of code values and parameters from their prior, in standard deviations."""
-    residuals = data.residuals(_predicted(theta, data).codes) / data.noise
-    return np.concatenate([residuals.ravel(), theta])
+    return np.concatenate([_residuals(theta, data).ravel() / data.noise, theta])
 
 
 def _jacobian(theta: Array, data: _SharedCodes) -> Array:
     """Derivatives of `_standardized_residuals`, the light of each place being the best."""
-    prediction = _predicted(theta, data)
-    curve, codes, flow = prediction.curve, prediction.codes, prediction.flow
+    curve, flow = _predicted(theta, data)  # the change of light by log time is the light
+    codes = curve.encoded(flow)
     weight = np.where(data.usable, 1 / (curve.slope(codes) * data.noise), 0)
     cell, part = np.divmod(np.clip(codes, 0, 1 - 1e-9) * CELLS, 1)
     derivatives, rise = curve.derivatives, np.diff(curve.derivatives, axis=0)
@@ -355,8 +347,10 @@ def _jacobian(theta: Array, data: _SharedCodes) -> Array:
     return np.concatenate([J.reshape(-1, len(theta)), np.eye(len(theta))])
 
 
-def _mean_residuals(data: _SharedCodes, codes: Array) -> Array:
+def _mean_residuals(theta: Array, data: _SharedCodes) -> Array:
     """(pictures, groups) mean residual by predicted code value; NaN where there are few."""
+    curve, light = _predicted(theta, data)
+    codes = curve.encoded(light)
     means = np.full((codes.shape[1], _GROUPS), np.nan)
     group = np.clip((codes * _GROUPS).astype(int), 0, _GROUPS - 1)
     for picture, number in np.ndindex(*means.shape):

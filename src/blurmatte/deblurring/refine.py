@@ -109,10 +109,7 @@ def _weights(views: Sequence[View], blurs: Sequence[Blur]) -> list[Array]:
 
 
 def _equations(
-    views: Sequence[View],
-    blurs: Sequence[Blur],
-    weights: Sequence[Array],
-    lattice: Surface,
+    views: Sequence[View], blurs: Sequence[Blur], weights: Sequence[Array], lattice: Surface
 ) -> NormalEquations:
     parts = zip(views, blurs, weights, strict=True)
     return summed([view.equations(blur, lattice, weight) for view, blur, weight in parts])
