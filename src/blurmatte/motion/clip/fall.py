@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, check_kind
+from blurmatte.checks import Array, check_kind, check_not_negative
 from blurmatte.errors import MotionError
-from blurmatte.motion.picture.error_budget import by_axis, check_std
+from blurmatte.motion.picture.error_budget import by_axis
 from blurmatte.motion.picture.motion import Scale
 
 # Tests of a parabola in time, and of its acceleration.
@@ -290,7 +290,7 @@ class FreeFall:
         if g.shape not in shapes or not np.all(np.isfinite(g)) or not (g.ndim or g > 0):
             vectors = "(x, y) or (x, y, z)" if flat else "(x, y, z) in space"
             raise ValueError(f"gravity must be a number above 0, {vectors}, got {gravity!r}")
-        check_std("gravity_std", std)
+        check_not_negative("gravity_std", std)
         if g.ndim == 0:
             return np.array([0.0, float(g)] if flat else [float(g)])
         return g[: len(self.place)]

@@ -14,7 +14,6 @@ from blurmatte.errors import MotionError
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
 
-check_std = check_not_negative  # of a standard deviation
 DIFFERENCE_STEP = 1e-3  # standard deviations: small against curvature, large against rounding
 
 
@@ -152,7 +151,7 @@ def path_source(
 def check_with_std(name: str, value: float, std: float) -> None:
     """Raise ValueError unless value > 0 and std >= 0."""
     check_positive(name, value)
-    check_std(f"{name}_std", std)
+    check_not_negative(f"{name}_std", std)
 
 
 def check_exposure(exposure_time: float | None, exposure_std: float) -> None:

@@ -29,10 +29,10 @@ from blurmatte.checks import (
     Direction,
     check_direction,
     check_kind,
+    check_not_negative,
     check_positive,
 )
 from blurmatte.errors import MotionError
-from blurmatte.motion.picture.error_budget import check_std
 from blurmatte.notebook import Displayed
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory, derivative
@@ -80,7 +80,7 @@ class Scale:
 
     def __post_init__(self) -> None:
         check_positive("meters_per_pixel", self.meters_per_pixel)
-        check_std("std", self.std)
+        check_not_negative("std", self.std)
 
     @classmethod
     def from_radius(cls, motion: Motion, radius: float, std: float = 0.0) -> Scale:
@@ -95,7 +95,7 @@ class Scale:
         """
         check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")
         check_positive("radius", radius)
-        check_std("std", std)
+        check_not_negative("std", std)
         if motion.radius <= 3 * motion.radius_std:
             raise MotionError(
                 f"a radius of {motion.radius:.2g} ± {motion.radius_std:.2g} px gives no scale; give "
@@ -128,7 +128,7 @@ class Scale:
         if a.shape != (2,) or b.shape != (2,):
             raise ValueError(f"a point must be (x, y), got the shapes {a.shape} and {b.shape}")
         check_positive("distance", distance)
-        check_std("std", std)
+        check_not_negative("std", std)
         pixels = float(np.linalg.norm(b - a))
         if not (np.isfinite(pixels) and pixels > 0):
             raise ValueError(f"the two points must differ, got {a.tolist()} and {b.tolist()}")
@@ -516,7 +516,7 @@ class Motion(Displayed):
         """
         time = self.exposure_time if exposure_time is None else exposure_time
         check_kind("scale", scale, Scale | None, "use blurmatte.Scale(meters_per_pixel)")
-        check_std("exposure_std", exposure_std)
+        check_not_negative("exposure_std", exposure_std)
         if time is not None:
             check_positive("exposure_time", time)
         lags = _possible_lags(self, time, line_time, going)
@@ -595,7 +595,7 @@ def _possible_lags(
         check_direction("going", going)
     lag = 0.0
     if line_time is not None:
-        check_std("line_time", line_time)
+        check_not_negative("line_time", line_time)
         check_line_time(line_time, _row_count(motion))
         if exposure_time is None:
             raise ValueError("line_time needs exposure_time, for its effect is their ratio")

@@ -16,12 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, check_positive
+from blurmatte.checks import Array, check_not_negative, check_positive
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
     Source,
-    check_std,
     check_with_std,
     covariances,
     path_source,
@@ -125,7 +124,7 @@ def depth_from_blur(
     """
     check_with_std("speed", speed, speed_std)
     check_positive("exposure_time", exposure_time)
-    check_std("exposure_std", exposure_std)
+    check_not_negative("exposure_std", exposure_std)
     along = _checked_direction(direction)
     picture, points = path_source(path, path_std)
     sources = {

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, check_kind, check_points
+from blurmatte.checks import Array, check_kind, check_not_negative, check_points
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.picture.error_budget import (
@@ -24,7 +24,6 @@ from blurmatte.motion.picture.error_budget import (
     Source,
     by_axis,
     check_exposure,
-    check_std,
     covariances,
     path_source,
     relative_errors,
@@ -102,8 +101,8 @@ class Plane:
         """
         if intrinsics is not None:
             check_intrinsics("intrinsics", intrinsics)
-        check_std("pixel_std", pixel_std)
-        check_std("meter_std", meter_std)
+        check_not_negative("pixel_std", pixel_std)
+        check_not_negative("meter_std", meter_std)
         seen, true = np.array(pixels, float), np.array(meters, float)
         if seen.ndim != 2 or seen.shape[1:] != (2,) or seen.shape != true.shape or len(seen) < 4:
             raise ValueError(
