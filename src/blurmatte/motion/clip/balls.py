@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, groupby
+from operator import attrgetter
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Floats, check_kind
@@ -78,8 +79,7 @@ def fit_balls(
         raise ValueError("frames must be one or more, got none")
     first, plate = with_noise(frames[0], plate)
     fit = _BallFitter(plate, model, noise_of(first), intrinsics, (radius, radius_std))
-    groups = groupby(rows, lambda row: row.frame)
-    by_frame = (tuple(map(_disc_in, group)) for _, group in groups)
+    by_frame = (tuple(map(_disc_in, group)) for _, group in groupby(rows, attrgetter("frame")))
     with shared(workers) as processes:
         lights = (frame and frame.light() for frame in each_coded(frames))
         tasks = zip(lights, by_frame, strict=False)
