@@ -241,12 +241,7 @@ def information_of(state: ExplainedViews, first: ExplainedViews) -> tuple[Array,
         rights.append(np.stack([A.T @ (weight[:, c, None] * J[:, c]) for c in range(3)]))
     right = np.concatenate(rights, axis=2)
     known_color = np.einsum("cnk,cnl->kl", right, state.fit.normal.solve(right)) / s
-    total, at = -known_color, 0
-    for block in blocks:
-        place = slice(at, at + len(block))
-        total[place, place] += block
-        at += len(block)
-    return total, np.concatenate(gradients)
+    return scipy.linalg.block_diag(*blocks) - known_color, np.concatenate(gradients)
 
 
 def scores(state: ExplainedViews) -> Array:
