@@ -62,6 +62,13 @@ def grown(box: Box, margin: int, size: tuple[int, int]) -> Box:
     )
 
 
+def box_from(first: Array, end: Array, size: tuple[int, int]) -> Box:
+    """A box from (x, y) to another, one past its last pixel, cut at the border of a picture."""
+    x0, y0 = np.maximum(first, 0).astype(int).tolist()
+    x1, y1 = np.minimum(end, size).astype(int).tolist()
+    return x0, y0, x1, y1
+
+
 def enclosing(boxes: Iterable[Box]) -> Box:
     """The smallest box around one or more boxes."""
     x0, y0, x1, y1 = zip(*boxes, strict=True)

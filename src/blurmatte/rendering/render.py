@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 from numpy.lib.stride_tricks import sliding_window_view
 
-from blurmatte.checks import Array, Box, Floats, enclosing
+from blurmatte.checks import Array, Box, Floats, box_from, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
@@ -290,9 +290,7 @@ def _proximity(scene: Scene, nearby: Nearby, t: float, box: Box) -> Array:
 
 
 def _touched(center: Array, spread: Array, size: tuple[int, int]) -> Box:
-    first = np.maximum(np.ceil(center - spread - 0.5), 0).astype(int)
-    end = np.minimum(np.floor(center + spread + 0.5) + 1, size).astype(int)
-    return int(first[0]), int(first[1]), int(end[0]), int(end[1])
+    return box_from(np.ceil(center - spread - 0.5), np.floor(center + spread + 0.5) + 1, size)
 
 
 def _box_around(boxes: list[Box]) -> Box:

@@ -17,7 +17,7 @@ import numpy as np
 
 from blurmatte.background import Matching
 from blurmatte.background.registration import CameraPath
-from blurmatte.checks import Bools, check_kind, check_same_size
+from blurmatte.checks import Bools, box_from, check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import shadow_around
 from blurmatte.color.streak import check_not_gray
@@ -351,14 +351,8 @@ def _log_radii(
     assumed = frame.meta.transfer
     if assumed is None:
         return None
-    (width, height), reach = frame.size, seen.motion.radius + _MARGIN
-    xs, ys = seen.motion.trajectory.xy[[0, -1]].T.tolist()
-    box = (
-        max(int(min(xs) - reach), 0),
-        max(int(min(ys) - reach), 0),
-        min(int(max(xs) + reach) + 1, width),
-        min(int(max(ys) + reach) + 1, height),
-    )
+    ends, reach = seen.motion.trajectory.xy[[0, -1]], seen.motion.radius + _MARGIN
+    box = box_from(ends.min(axis=0) - reach, ends.max(axis=0) + reach + 1, frame.size)
     image, behind = frame.crop(box), plate.crop(box)
     radii = []
     try:

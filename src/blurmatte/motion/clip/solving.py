@@ -13,7 +13,7 @@ import numpy as np
 
 from blurmatte.background import Matching
 from blurmatte.background.registration import CameraPath
-from blurmatte.checks import Array, Box, check_kind, enclosing
+from blurmatte.checks import Array, Box, box_from, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.case import Solver
@@ -396,14 +396,12 @@ def _decided(
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:
     """The box of the frame in which the streak was measured, or one around it."""
-    x, y = sighting.motion.center
+    x, y = center = sighting.motion.center
     inside = [box for box in boxes if box[0] <= x < box[2] and box[1] <= y < box[3]]
     if inside:
         return inside[0]
     reach = 2 * sighting.motion.radius + sighting.motion.length / 2 + 32
-    x0, y0 = np.maximum(np.floor([x - reach, y - reach]), 0).astype(int).tolist()
-    x1, y1 = np.minimum(np.ceil([x + reach, y + reach]), size).astype(int).tolist()
-    return x0, y0, x1, y1
+    return box_from(np.floor(center - reach), np.ceil(center + reach), size)
 
 
 def _start(
