@@ -118,9 +118,7 @@ class SeenMoments(NamedTuple):
     def alpha(self, durations: Array) -> Array:
         """(pixels,) fraction of the exposure."""
         first, moment, part = self.covered
-        pixel = np.repeat(np.arange(len(first) - 1), np.diff(first))
-        alpha = np.bincount(pixel, durations[moment] * part, len(first) - 1)
-        return np.asarray(alpha, float)
+        return row_sums(first, durations[moment] * part, np.ones((len(part), 1)))[:, 0]
 
 
 def seen_moments(
