@@ -215,6 +215,10 @@ class FrameMotion(TableRow):
         """Whether light of the object's color moved."""
         return self.something_moved and self.reason != NO_COLOR
 
+    def mapped(self, points: Callable[[Array], Array]) -> FrameMotion:
+        """The row with its detection in another picture, as `Sighting.mapped`."""
+        return replace(self, sighting=self.sighting and self.sighting.mapped(points))
+
     @property
     def stated(self) -> Sighting | None:
         """The detection with the errors that the frame alone states."""

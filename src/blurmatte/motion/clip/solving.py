@@ -85,7 +85,7 @@ class FrameToSolve:
             return self
         points = partial(camera.to_frame, self.index)
         prior = self.prior and self.prior.mapped(points, one.measured.center)
-        return replace(self, row=replace(self.row, sighting=one.mapped(points)), prior=prior)
+        return replace(self, row=self.row.mapped(points), prior=prior)
 
     def stretched(self, shutter: RollingShutter, own: Stretch | None) -> FrameToSolve:
         """The same with a camera, and the stretch that the frame alone measures."""

@@ -154,14 +154,7 @@ class ClipMeasured:
         if camera is None:
             return self.rows
         index_of = self.clip.index_of
-        return [
-            row
-            if row.sighting is None
-            else replace(
-                row, sighting=row.sighting.mapped(partial(camera.to_frame, index_of[row.frame]))
-            )
-            for row in self.rows
-        ]
+        return [row.mapped(partial(camera.to_frame, index_of[row.frame])) for row in self.rows]
 
     @property
     def color(self) -> ColorModel:
