@@ -30,6 +30,17 @@ class Source:
         return cls(np.array([value], float), np.array([[std**2]], float))
 
 
+class ErrorBudget:
+    """A result with the part of its error that each source alone causes, relative."""
+
+    parts: Mapping[str, float]
+
+    @property
+    def dominant(self) -> str:
+        """Source of the largest part of the error: "length", "scale", "exposure time", …"""
+        return max(self.parts, key=lambda name: self.parts[name])
+
+
 class OverExposure:
     """A change over the exposure, whose time may be known: its speed, and its largest error."""
 

@@ -33,6 +33,7 @@ from blurmatte.checks import (
     check_positive,
 )
 from blurmatte.errors import MotionError
+from blurmatte.motion.picture.error_budget import ErrorBudget
 from blurmatte.notebook import Displayed
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory, derivative
@@ -136,7 +137,7 @@ class Scale:
 
 
 @dataclass(frozen=True)
-class Speed:
+class Speed(ErrorBudget):
     """Mean speed over the exposure, and the highest speed.
 
     Parameters
@@ -175,11 +176,6 @@ class Speed:
 
     def __repr__(self) -> str:
         return f"Speed({self.mean:.4g} ± {self.mean_std:.2g} {self.unit})"
-
-    @property
-    def dominant(self) -> str:
-        """Source of the largest part of the error: "length", "scale", "exposure time", …"""
-        return max(self.parts, key=lambda name: self.parts[name])
 
     def numbers(self) -> dict[str, float | str | None]:
         """All numbers by name, flat, for a row of a table."""

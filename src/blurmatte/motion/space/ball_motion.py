@@ -11,6 +11,7 @@ from blurmatte.checks import Array
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
+    ErrorBudget,
     OverExposure,
     Source,
     by_axis,
@@ -26,7 +27,7 @@ _DEPTH = 5  # index of z in the middle of the exposure
 
 
 @dataclass(frozen=True, eq=False)
-class BallMotion(OverExposure):
+class BallMotion(OverExposure, ErrorBudget):
     """Positions of a ball in three dimensions during the exposure, and its speed.
 
     In the camera's coordinates: x right, y down, z forward, meters from the camera. A picture does not
@@ -119,11 +120,6 @@ class BallMotion(OverExposure):
         bend = np.kron([4.0, -8.0, 4.0], np.eye(3))
         variance = np.diag(bend @ self.covariance @ bend.T)
         return np.asarray(np.sqrt(np.maximum(variance, 0)) / self._seconds**2)
-
-    @property
-    def dominant(self) -> str:
-        """Source of the largest part of the speed's error."""
-        return max(self.parts, key=lambda name: self.parts[name])
 
     def numbers(self) -> dict[str, float | str]:
         """All numbers by name, flat, for a row of a table: meters, and m/s if the time is known."""

@@ -20,6 +20,7 @@ from blurmatte.checks import Array, check_kind, check_not_negative, check_points
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.picture.error_budget import (
+    ErrorBudget,
     OverExposure,
     Source,
     by_axis,
@@ -177,7 +178,7 @@ class Plane:
 
 
 @dataclass(frozen=True, eq=False)
-class PlaneMotion(OverExposure):
+class PlaneMotion(OverExposure, ErrorBudget):
     """Motion on a plane; the picture does not determine which end came first.
 
     Parameters
@@ -220,11 +221,6 @@ class PlaneMotion(OverExposure):
     def displacement(self) -> Array:
         """(2,) from start to end, meters."""
         return np.asarray(self.end - self.start)
-
-    @property
-    def dominant(self) -> str:
-        """Source of the largest part of the speed's error."""
-        return max(self.parts, key=lambda name: self.parts[name])
 
     def numbers(self) -> dict[str, float | str]:
         """All numbers by name, flat, for a row of a table: meters, and m/s if the time is known."""
