@@ -101,8 +101,8 @@ def propagated(
 
 def covariances(
     f: Callable[..., Array], sources: Mapping[str, Source]
-) -> tuple[Array, dict[str, Array]]:
-    """Value of f, and the covariance that each source alone causes.
+) -> tuple[Array, dict[str, Array], Array]:
+    """Value of f, the covariance that each source alone causes, and their sum.
 
     f maps one array for each source, in their order, to an array (m,). The sources are independent.
     """
@@ -118,7 +118,7 @@ def covariances(
                 return np.asarray(f(*values[:i], x, *values[i + 1 :]), dtype=float)
 
             parts[name] = propagated(alone, source.values, source.covariance)[1]
-    return value, parts
+    return value, parts, np.sum(list(parts.values()), axis=0)
 
 
 def relative_errors(

@@ -182,10 +182,9 @@ def ball_motion(
         X = size[0] * nodes(parameters, values)
         return np.concatenate([X.ravel(), [_length(X)]])
 
-    values, parts = covariances(positions_and_length, sources)
+    values, parts, total = covariances(positions_and_length, sources)
     if not np.all(np.isfinite(values)):
         raise MotionError("the ball is seen where the camera's distortion cannot be undone")
-    total = sum(parts.values(), np.zeros_like(next(iter(parts.values()))))
     length, depth = float(values[_POSITIONS]), float(values[_DEPTH])
     relative = relative_errors(parts, _POSITIONS, max(length, 1e-12), *exposure)
     return BallMotion(

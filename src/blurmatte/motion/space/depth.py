@@ -139,10 +139,10 @@ def depth_from_blur(
         ends = intrinsics.with_values(values).undistort(points(parameters, np.array([0.0, 1.0])))
         return _depths(ends, float(v[0] * T[0]), along)
 
-    values, parts = covariances(depths, sources)
+    values, parts, total = covariances(depths, sources)
     if not (np.all(np.isfinite(values)) and values[0] > 0 and values[1] > 0):
         raise MotionError("no motion along direction gives this streak; check it, or expose longer")
-    (start, end, mean, off), total = map(float, values), sum(parts.values(), np.zeros((4, 4)))
+    start, end, mean, off = map(float, values)
     return BlurDepth(start, end, total[:2, :2], off, relative_errors(parts, 2, mean))
 
 

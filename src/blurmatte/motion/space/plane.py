@@ -122,8 +122,8 @@ class Plane:
             "pixels": Source(seen.ravel(), pixel_std**2 * np.eye(n)),
             "meters": Source(true.ravel(), meter_std**2 * np.eye(n)),
         }
-        H, parts = covariances(homography, sources)
-        return cls(H.reshape(3, 3), intrinsics, parts["pixels"] + parts["meters"])
+        H, _, total = covariances(homography, sources)
+        return cls(H.reshape(3, 3), intrinsics, total)
 
     @classmethod
     def from_pose(
@@ -287,12 +287,11 @@ def measure_on_plane(
         length = np.linalg.norm(np.diff(X, axis=0), axis=1).sum()
         return np.concatenate([X[0], X[-1], [length]])
 
-    values, parts = covariances(ends_and_length, sources)
+    values, parts, total = covariances(ends_and_length, sources)
     if not np.all(np.isfinite(values)):
         raise MotionError("the streak goes beyond the plane's horizon; check the plane's points")
     if not values[4] > 0:
         raise MotionError("nothing moved: start and end of the path are one point")
-    total = sum(parts.values(), np.zeros((5, 5)))
     length, length_std = float(values[4]), float(np.sqrt(total[4, 4]))
     relative = relative_errors(parts, 4, length, exposure_time, exposure_std)
     places = values[:2], values[2:4], total[:4, :4]
