@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Bools, Box, Floats32, check_same_size, enclosing
+from blurmatte.checks import Bools, Box, Floats32, check_same_size, enclosing, grown
 from blurmatte.compiling import njit
 from blurmatte.radiometry.coded import CodedFrame, Planes
 from blurmatte.radiometry.compression import BLOCK
@@ -68,7 +68,7 @@ class Gate:
         for sample in samples:
             check_same_size("a sample", sample.size, "plate", plate.size)
             planes = _padded(sample.planes)
-            few.append((planes, _gain(_few_cells(planes[0], sample.zero[0]), expected[0])))
+            few.append((planes, _gain(planes[0], sample.zero[0], expected[0])))
         if not few:
             raise ValueError("samples must hold one frame or more, got none")
         reach, of_blocks = [], []
@@ -104,7 +104,7 @@ class Gate:
         """
         gate = cls.of(plate, [frame], hidden)
         planes = _padded(frame.planes)
-        gain = _gain(_few_cells(planes[0], frame.zero[0]), gate.cells[0])
+        gain = _gain(planes[0], frame.zero[0], gate.cells[0])
         reach, of_blocks = [], []
         for c, cells in enumerate(gate.cells):
             known, contrast = np.isfinite(gate.cell_reach[c]), _contrast(cells)
@@ -123,7 +123,7 @@ class Gate:
         """
         check_same_size("a frame", frame.size, "plate", self.size)
         planes, block = _padded(frame.planes), _BLOCK_CELLS
-        gain = _gain(_few_cells(planes[0], self.zero[0]), self.cells[0])
+        gain = _gain(planes[0], self.zero[0], self.cells[0])
         counts = np.zeros(self.block_reach[0].shape, np.int32)
         sums, moved = np.empty(counts.shape, np.float32), np.zeros(counts.shape, bool)
         for c in range(3):
@@ -183,15 +183,11 @@ def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float)
     return summed
 
 
-def _few_cells(plane: npt.NDArray[np.generic], zero: float) -> Floats32:
-    """Every n-th cell of the first plane, from which the gain is found."""
+def _gain(plane: npt.NDArray[np.generic], zero: float, expected: Floats32) -> float:
+    """Gain of a frame: the median ratio of its first plane to the plate's; 1 if it hardly changed."""
     step = CELL * _GAIN_EVERY_CELLS
     corners = (plane[y::step, x::step].astype(np.float32) for y in range(CELL) for x in range(CELL))
-    return np.asarray(sum(corners) - np.float32(CELL**2 * zero))
-
-
-def _gain(few: Floats32, expected: Floats32) -> float:
-    """Gain of a frame: the median ratio of its first plane to the plate's; 1 if it hardly changed."""
+    few = np.asarray(sum(corners) - np.float32(CELL**2 * zero))
     b = expected[::_GAIN_EVERY_CELLS, ::_GAIN_EVERY_CELLS]
     bright = b > 0.1 * b.max()  # dark code values have no ratio
     if not bright.any():
@@ -228,14 +224,12 @@ def _boxes(moved: Bools, side: int, size: tuple[int, int]) -> tuple[Box, ...]:
     if not moved.any():
         return ()
     labels, _ = scipy.ndimage.label(moved, np.ones((3, 3)))
-    width, height = size
     boxes = []
     for y, x in scipy.ndimage.find_objects(labels):
         least = side * min(y.stop - y.start, x.stop - x.start)
         margin = max(_MARGIN_PX, int(_MIN_MARGIN_RATIO * least))
-        x0, y0 = max(x.start * side - margin, 0), max(y.start * side - margin, 0)
-        box = x0, y0, min(x.stop * side + margin, width), min(y.stop * side + margin, height)
-        boxes.append(box)
+        part = x.start * side, y.start * side, x.stop * side, y.stop * side
+        boxes.append(grown(part, margin, size))
     return tuple(joined(boxes))
 
 
