@@ -187,16 +187,14 @@ class StaticScene:
 
     def _noise_in(self, box: Box) -> Noise | Floats:
         """The noise of all frames in a box, of each channel on its own."""
-        place, (x0, y0) = rows_columns(box), box[:2]
-        noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
-        if self.coding is None:
+        place = rows_columns(box)
+        noise, plate = self.noise, self.plate.rgb[place]
+        noise = noise[place] if isinstance(noise, np.ndarray) else noise
+        of_coding = FrameCoding(lambda: self.coding, box[:2]).variance(plate)
+        if of_coding is None:
             return noise
-        plate = self.plate.rgb[place]
         of_model = noise.variance(plate) if isinstance(noise, Noise) else noise
-        variance = np.array(of_model, np.float32)
-        for c in range(3):
-            variance[..., c] += self.coding.moving.variance(plate[..., c], c, y0, x0)
-        return variance
+        return np.asarray(of_model + of_coding, np.float32)
 
 
 def _of_each_channel(frame: LinearImage) -> Noise | Floats:
