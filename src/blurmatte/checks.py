@@ -52,14 +52,7 @@ def box_of(mask: Bools) -> Box:
 
 def grown(box: Box, margin: int, size: tuple[int, int]) -> Box:
     """A box with a margin on each side, cut at the border of a picture of a size (width, height)."""
-    x0, y0, x1, y1 = box
-    width, height = size
-    return (
-        max(x0 - margin, 0),
-        max(y0 - margin, 0),
-        min(x1 + margin, width),
-        min(y1 + margin, height),
-    )
+    return box_from(np.subtract(box[:2], margin), np.add(box[2:], margin), size)
 
 
 def box_from(first: Array, end: Array, size: tuple[int, int]) -> Box:
