@@ -37,7 +37,6 @@ from blurmatte.deblurring.spin_search import (
     NODES_PER_RADIUS,
     SAME_MODE,
     SPACING,
-    Mode,
     Search,
     rotation_grid,
 )
@@ -196,7 +195,7 @@ def _candidates(view: View) -> list[ExplainedViews]:
         if starts:
             search = Search.of(at)
             ranked = search.ranked(grid)
-            grid = [one.rotation for one in ranked[:_RANKED_AGAIN]]
+            grid = ranked[:_RANKED_AGAIN]
             found = search.modes(ranked, _rotation(at), starts)
             wanted = _new_rotations(search, found, states)
         else:
@@ -254,10 +253,9 @@ def _start(view: View, covariance: Array, rotation: Array | None = None) -> View
 
 
 def _new_rotations(
-    search: Search, modes: Sequence[Mode], states: Sequence[ExplainedViews]
+    search: Search, found: Sequence[Array], states: Sequence[ExplainedViews]
 ) -> list[Array]:
     """Likely rotations that no state has, unless a ball without texture explains the light as well."""
-    found = [mode.rotation for mode in modes]
     textured = max(one.log_evidence for one in search.solved(found[0], CONTRASTS))
     (plain,) = search.solved(found[0], (_NO_TEXTURE,))
     gain = (textured - plain.log_evidence) / VARIANCE_INFLATION

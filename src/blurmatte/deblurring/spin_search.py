@@ -55,24 +55,12 @@ CONTRASTS = 0.4, 0.15, 0.05  # of neighbors of the coarse lattice, linear light
 
 
 @dataclass(frozen=True, eq=False)
-class Mode:
-    """A local maximum of the evidence.
-
-    Parameters
-    ----------
-    rotation : (3,) float
-        Rotation vector, radians per exposure.
-    log_evidence : float
-        log Z, up to a constant of the search.
-    """
-
-    rotation: Array
-    log_evidence: float
-
-
-@dataclass(frozen=True, eq=False)
 class Solved:
-    """The most probable texture (n, 3), field (k, 3) and highlights, and what they derive from."""
+    """The most probable texture (n, 3), field (k, 3) and highlights, and what they derive from.
+
+    The rotation vector (3,) is in radians per exposure; the log evidence is up to a constant of the
+    search.
+    """
 
     rotation: Array
     log_evidence: float
@@ -243,7 +231,7 @@ class Search:
         g = np.einsum("pck,pc->k", weighted.reshape(-1, 3, 3), r)
         return np.asarray(H / at.noise_scale), -g / at.noise_scale
 
-    def climbed(self, rotation: Array, contrast: float) -> Mode:
+    def climbed(self, rotation: Array, contrast: float) -> Solved:
         """The maximum of the evidence near a rotation."""
 
         def moved(at: Solved, step: Array) -> Solved:
@@ -253,31 +241,32 @@ class Search:
 
         start = self.glossy(rotation, contrast)
         end, _ = descended(start, self.information, moved, _MAX_STEPS, _MIN_GAIN)
-        return Mode(end.rotation, end.log_evidence)
+        return end
 
-    def ranked(self, rotations: Iterable[Array]) -> list[Mode]:
-        """Rotations with their evidence without highlights, the likeliest first."""
-        middle = (CONTRASTS[1],)
-        found = [Mode(w, self.solved(w, middle)[0].log_evidence) for w in rotations]
-        return sorted(found, key=_unlikeliness)
+    def ranked(self, rotations: Iterable[Array]) -> list[Array]:
+        """Rotations by their evidence without highlights, the likeliest first."""
+        return sorted(rotations, key=lambda w: self.solved(w, CONTRASTS[1:2])[0].cost)
 
-    def modes(self, ranked: Sequence[Mode], around: Array, starts: int) -> list[Mode]:
-        """Distinct maxima of the evidence: the likeliest of each contrast of the texture.
+    def _maxima(self, starts: Iterable[Array], contrast: float) -> list[Array]:
+        """Rotations of distinct maxima of the evidence near some, the likeliest first."""
+        found = sorted((self.climbed(w, contrast) for w in starts), key=lambda one: one.cost)
+        return _distinct([one.rotation for one in found], SAME_MODE)
+
+    def modes(self, ranked: Sequence[Array], around: Array, starts: int) -> list[Array]:
+        """Rotations of distinct maxima of the evidence: the likeliest of each contrast of the texture.
 
         The largest contrast may explain errors of path and shading as texture of a fast spin, and a
         small one misses fine texture. Maxima for the middle contrast are starts for the others. Further
         starts than the `starts` likeliest of the grid are `around` a rotation, whose maximum may be
         narrower than the grid.
         """
-        of_grid = [one.rotation for one in _distinct(ranked, SPACING, starts)]
+        of_grid = _distinct(ranked, SPACING)[:starts]
         near = (around + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1))
-        climbed = [self.climbed(w, CONTRASTS[1]) for w in [*of_grid, around, *near]]
-        middle = _distinct(sorted(climbed, key=_unlikeliness), SAME_MODE, len(climbed))
+        middle = self._maxima([*of_grid, around, *near], CONTRASTS[1])
         likeliest = middle[:_MAX_MODES]
         for contrast in (CONTRASTS[0], CONTRASTS[2]):
-            found = [self.climbed(one.rotation, contrast) for one in middle]
-            likeliest += _distinct(sorted(found, key=_unlikeliness), SAME_MODE, _MAX_MODES)
-        return _distinct(likeliest, SAME_MODE, len(likeliest))
+            likeliest += self._maxima(middle, contrast)[:_MAX_MODES]
+        return _distinct(likeliest, SAME_MODE)
 
 
 def _without(at: Solved, of_nodes: Array, of_field: Array) -> tuple[Array, Array]:
@@ -296,10 +285,6 @@ def _whitened(factor: Array, right: Array, transposed: Literal[0, 1] = 0) -> Arr
     )
 
 
-def _unlikeliness(mode: Mode) -> float:
-    return -mode.log_evidence
-
-
 def rotation_grid(spacing: float) -> Array:
     """(n, 3) rotation vectors up to half a turn on a body-centered cubic lattice."""
     edge = spacing * 2 ** (1 / 3)  # of a cube with two points
@@ -309,14 +294,14 @@ def rotation_grid(spacing: float) -> Array:
     return np.asarray(points[np.linalg.norm(points, axis=1) <= _MAX_ROTATION])
 
 
-def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:
-    """At most `most` that are further than an angle from all before them."""
+def _distinct(rotations: Sequence[Array], angle: float) -> list[Array]:
+    """Those that are further than an angle from all before them."""
 
-    def are_near(one: Mode, other: Mode) -> bool:
+    def are_near(one: Array, other: Array) -> bool:
         """Whether two rotations differ by no more than the angle."""
-        return bool(np.linalg.norm(one.rotation - other.rotation) <= angle)
+        return bool(np.linalg.norm(one - other) <= angle)
 
-    return distinct(modes, are_near)[:most]
+    return distinct(rotations, are_near)
 
 
 def _entries(seen: SeenMoments, use: Bools, count: int, spin: Spin | None) -> Entries:
