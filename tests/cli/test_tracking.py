@@ -14,7 +14,7 @@ from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.motion import Workers
-from blurmatte.motion.clip import steps
+from blurmatte.motion.clip.measure import Detector
 from blurmatte.motion.clip.summary import KnownQuantities, clip_table
 from blurmatte.rendering import colorful_plate
 
@@ -121,24 +121,22 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     track("--out", out)
     whole = out.read_bytes()
     out.unlink()
-    real = steps.sightings_in_scene
+    real = Detector.over
 
-    def interrupted(*args, **options):
-        for k, seen in enumerate(real(*args, **options)):
+    def interrupted(*args):
+        for k, seen in enumerate(real(*args)):
             if k == 2:
                 raise KeyboardInterrupt
             yield seen
 
-    monkeypatch.setattr(steps, "sightings_in_scene", interrupted)
+    monkeypatch.setattr(Detector, "over", interrupted)
     stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
     assert f"{begun}: keeps the finished frames; run the same again" in stopped.stderr
     assert not out.exists()
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
     skipped = []
-    monkeypatch.setattr(
-        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
-    )
+    monkeypatch.setattr(Detector, "over", lambda *a: skipped.append(a[-1]) or real(*a))
     assert track("--out", out).exit_code == 0
     assert skipped == [2]
     assert out.read_bytes() == whole
@@ -172,10 +170,8 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     lines = begun.read_bytes().splitlines(keepends=True)
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
-    real, skipped = steps.sightings_in_scene, []
-    monkeypatch.setattr(
-        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
-    )
+    real, skipped = Detector.over, []
+    monkeypatch.setattr(Detector, "over", lambda *a: skipped.append(a[-1]) or real(*a))
     assert track("--out", out).exit_code == 0
     assert skipped == [first_new]
     assert out.read_bytes() == whole
@@ -184,10 +180,8 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
 
 def test_other_options_begin_anew(track, finished, tmp_path, monkeypatch):
     out, begun, whole = journal(finished, tmp_path)
-    real, skipped = steps.sightings_in_scene, []
-    monkeypatch.setattr(
-        steps, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
-    )
+    real, skipped = Detector.over, []
+    monkeypatch.setattr(Detector, "over", lambda *a: skipped.append(a[-1]) or real(*a))
     assert track("--out", out, "--frames", "::2").exit_code == 0
     assert skipped == [0]
     assert out.read_bytes() != whole
@@ -199,7 +193,7 @@ def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, m
         raise ValueError("Singular matrix")
         yield
 
-    monkeypatch.setattr(steps, "sightings_in_scene", fails)
+    monkeypatch.setattr(Detector, "over", fails)
     assert track("--out", tmp_path / "t.csv").exit_code == 2
     assert list(tmp_path.iterdir()) == []
 
