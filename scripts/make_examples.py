@@ -17,9 +17,10 @@ from blurmatte.rendering import (
     colorful_plate,
     render,
 )
+from blurmatte.rendering.camera import noisy
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import plain_plate
-from blurmatte.rendering.processing import encode_codes, noisy
+from blurmatte.rendering.processing import encode_codes
 from blurmatte.trajectory import Trajectory
 
 SIZE = (400, 300)
