@@ -7,8 +7,8 @@ from scipy.ndimage import map_coordinates
 
 from blurmatte.background.alignment import compare
 from blurmatte.background.warp import (
+    Warp,
     homography,
-    map_points,
     spline_coefficients,
     to_centered,
 )
@@ -52,7 +52,7 @@ def test_residuals_equal_interpolated_plate(plate):
     """oracle: SciPy's splines."""
     own = light()
     residuals, _, basis = compared(plate, H, own)
-    at = map_points(H, POINTS.astype(float), SIZE)[0].T[::-1]
+    at = Warp(H, SIZE).points(POINTS.astype(float)).T[::-1]
     B = np.stack(
         [map_coordinates(plate[..., c], at, order=3, mode="nearest") for c in range(3)], -1
     )

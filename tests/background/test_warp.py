@@ -7,10 +7,9 @@ from scipy.ndimage import map_coordinates
 
 from blurmatte.background.warp import (
     Warp,
+    derivatives_by_h,
     homography,
     interpolated_variance,
-    map_points,
-    moved_points,
     warped,
     warped_linearly,
     warped_mask,
@@ -30,16 +29,16 @@ def grid():
 def test_identity_maps_points_to_themselves():
     """exact"""
     xy = grid().reshape(-1, 2)
-    assert np.allclose(map_points(np.zeros(8), xy, SIZE)[0], xy, atol=1e-12)
+    assert np.allclose(Warp(np.zeros(8), SIZE).points(xy), xy, atol=1e-12)
 
 
-def test_map_points_equals_matrix_product():
+def test_points_equal_matrix_product():
     """oracle: the matrix, applied to one point at a time."""
     h = np.array([0.02, -0.03, 0.05, 0.01, 0.04, -0.02, 0.015, -0.01])
     half = 20
     for x, y in ((0.0, 0.0), (39.0, 3.0), (12.5, 28.0)):
         u, v, w = homography(h) @ [(x - 19.5) / half, (y - 14.5) / half, 1]
-        at, _ = map_points(h, np.array([[x, y]]), SIZE)
+        at = Warp(h, SIZE).points(np.array([[x, y]]))
         assert np.allclose(at, [[u / w * half + 19.5, v / w * half + 14.5]], atol=1e-12)
 
 
@@ -47,10 +46,11 @@ def test_derivatives_equal_differences():
     """oracle: central differences."""
     h = np.array([0.02, -0.03, 0.05, 0.01, 0.04, -0.02, 0.015, -0.01])
     xy = grid().reshape(-1, 2)[::97]
-    _, slopes = map_points(h, xy, SIZE)
+    slopes = derivatives_by_h(h, xy, SIZE)
     for i in range(8):
         step = 1e-6 * np.eye(8)[i]
-        numeric = (map_points(h + step, xy, SIZE)[0] - map_points(h - step, xy, SIZE)[0]) / 2e-6
+        ahead, behind = (Warp(h + s * step, SIZE).points(xy) for s in (1, -1))
+        numeric = (ahead - behind) / 2e-6
         assert np.allclose(slopes[..., i], numeric, atol=1e-6)
 
 
@@ -61,8 +61,8 @@ H = np.array([0.02, -0.03, 0.05, 0.01, 0.04, -0.02, 0.015, -0.01])
 def test_warped_picture_equals_splines_of_scipy(warp, order):
     """oracle: SciPy, one channel at a time, up to 12 pixels beyond the border."""
     picture = np.random.default_rng(0).random((30, 40, 3))
-    at = moved_points(H, grid().reshape(-1, 2), SIZE).T[::-1]
-    for c, found in enumerate(np.moveaxis(warp(picture, H), -1, 0)):
+    at = Warp(H, SIZE).points(grid().reshape(-1, 2)).T[::-1]
+    for c, found in enumerate(np.moveaxis(warp(picture, Warp(H, SIZE)), -1, 0)):
         expected = map_coordinates(picture[..., c], at, order=order, mode="nearest")
         assert np.allclose(found.ravel(), expected, atol=1e-12)
 
@@ -71,7 +71,7 @@ def test_warped_mask_lacks_pixels_that_false_ones_contribute_to():
     """exact: a shift by half a pixel loses a False pixel, its neighbors, and the border."""
     mask = np.ones((30, 40), bool)
     mask[10, 20] = False
-    found = warped_mask(mask, np.array([0, 0, 0.5 / 20, 0, 0, 0, 0, 0]))
+    found = warped_mask(mask, Warp(np.array([0, 0, 0.5 / 20, 0, 0, 0, 0, 0]), SIZE))
     expected = np.ones_like(mask)
     expected[10, 18:22] = expected[[9, 11], 19:21] = False
     expected[:, 38:] = False
@@ -82,7 +82,8 @@ def test_warped_mask_lacks_pixels_that_false_ones_contribute_to():
 def test_interpolated_variance_equals_that_of_interpolated_noise(step):
     """honest"""
     noise = np.random.default_rng(1).normal(size=(200, 200, 1))
-    inner = warped(noise, np.array([0, 0, step / 100, 0, 0, step / 100, 0, 0]))[20:180, 20:180]
+    h = np.array([0, 0, step / 100, 0, 0, step / 100, 0, 0])
+    inner = warped(noise, Warp(h, noise.shape[1::-1]))[20:180, 20:180]
     xy = np.full((1, 2), 20 + step)
     assert inner.var() == pytest.approx(interpolated_variance(xy), rel=0.05)
 

@@ -25,8 +25,8 @@ import scipy
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
     cubic,
+    derivatives_by_h,
     homography,
-    map_points,
     spline_coefficients,
     to_centered,
 )
@@ -293,7 +293,7 @@ def _covariance(
     column, row = (level.xy * _COVARIANCE_TILES // (width, height)).T
     tiles = np.zeros((_COVARIANCE_TILES**2, scores.shape[1]))
     np.add.at(tiles, row * _COVARIANCE_TILES + column, scores)
-    _, moves = map_points(h, level.xy.astype(float), level.size)
+    moves = derivatives_by_h(h, level.xy.astype(float), level.size)
     image_slopes = slopes.copy()
     x, y = level.xy.T
     across = level.image_slopes[y, x] / level.sigma[..., None]

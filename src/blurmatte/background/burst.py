@@ -17,7 +17,7 @@ from blurmatte.background.guess import (
 from blurmatte.background.match import Match
 from blurmatte.background.plate import plate_of_shots
 from blurmatte.background.robust_mean_kernel import UNSEEN
-from blurmatte.background.warp import warped_mask
+from blurmatte.background.warp import Warp, warped_mask
 from blurmatte.checks import Bools
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
@@ -173,5 +173,5 @@ def _shown(match: Match, plate: LinearImage) -> LinearImage:
     matched = match.apply(plate)
     rgb = np.array(matched.rgb, np.float32)
     if match.moves:
-        rgb[~warped_mask(np.ones(plate.valid.shape, bool), match.h)] = UNSEEN
+        rgb[~warped_mask(np.ones(plate.valid.shape, bool), Warp(match.h, match.size))] = UNSEEN
     return LinearImage(rgb, valid=matched.valid, meta=plate.meta)

@@ -17,10 +17,9 @@ import numpy as np
 
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
+    Warp,
     homography,
     interpolated_variance,
-    map_points,
-    moved_points,
     to_centered,
     warped,
     warped_linearly,
@@ -178,7 +177,7 @@ class Match:
     def shift(self) -> tuple[float, float]:
         """(x, y) position in the plate minus position in the image, of the image's center; pixels."""
         center = (np.array([self.size]) - 1) / 2
-        ((x, y),) = map_points(self.h, center, self.size)[0] - center
+        ((x, y),) = self._warp.points(center) - center
         return float(x), float(y)
 
     @property
@@ -197,7 +196,7 @@ class Match:
         """Largest displacement of a corner of the picture, pixels."""
         width, height = self.size
         corners = np.array(list(product((0.0, width - 1.0), (0.0, height - 1.0))))
-        return float(np.hypot(*(map_points(self.h, corners, self.size)[0] - corners).T).max())
+        return float(np.hypot(*(self._warp.points(corners) - corners).T).max())
 
     @property
     def gain(self) -> tuple[float, float, float]:
@@ -267,13 +266,17 @@ class Match:
         rgb = plate.rgb * gain + self.light[1].astype(plate.rgb.dtype)
         return replace(plate, rgb=rgb, noise=noise)
 
+    @property
+    def _warp(self) -> Warp:
+        return Warp(self.h, self.size)
+
     def _warped(self, plate: LinearImage) -> LinearImage:
         noise = None
         if plate.noise is not None:
-            kept = interpolated_variance(moved_points(self.h, self._sample(), self.size))
-            noise = warped_linearly(plate.variance, self.h) * plate.rgb.dtype.type(kept)
-        valid = warped_mask(plate.valid, self.h)
-        return replace(plate, rgb=warped(plate.rgb, self.h), noise=noise, valid=valid)
+            kept = interpolated_variance(self._warp.points(self._sample()))
+            noise = warped_linearly(plate.variance, self._warp) * plate.rgb.dtype.type(kept)
+        valid = warped_mask(plate.valid, self._warp)
+        return replace(plate, rgb=warped(plate.rgb, self._warp), noise=noise, valid=valid)
 
     def _sample(self) -> Array:
         """(n, 2) about ten thousand pixels over the picture."""

@@ -140,13 +140,6 @@ def to_centered(size: tuple[int, int]) -> Array:
     )
 
 
-def moved_points(h: Array, xy: Array, size: tuple[int, int]) -> Array:
-    """Positions (n, 2) in the plate of points xy (n, 2) of the image, pixels."""
-    to = to_centered(size)
-    U, _ = _projected(h, xy * to[0, 0] + to[:2, 2])
-    return np.asarray((U - to[:2, 2]) / to[0, 0])
-
-
 def _projected(h: Array, u: Array) -> tuple[Array, Array]:
     """Centered points (n, 2) under the homography, and their homogeneous coordinates (n, 1)."""
     H = homography(h)
@@ -155,8 +148,8 @@ def _projected(h: Array, u: Array) -> tuple[Array, Array]:
     return moved[:, :2] / depth, depth
 
 
-def map_points(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Map points xy (n, 2) of the image to the plate, pixels; also the derivatives (n, 2, 8) by h."""
+def derivatives_by_h(h: Array, xy: Array, size: tuple[int, int]) -> Array:
+    """(n, 2, 8) derivatives of the positions in the plate of points xy (n, 2), pixels."""
     to = to_centered(size)
     u = xy * to[0, 0] + to[:2, 2]
     U, depth = _projected(h, u)
@@ -164,37 +157,35 @@ def map_points(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array
     slope = np.zeros((len(xy), 2, 8))
     slope[:, 0, :3] = slope[:, 1, 3:6] = one
     slope[:, :, 6:] = -U[:, :, None] * one[:, None, :2]
-    return (U - to[:2, 2]) / to[0, 0], slope / to[0, 0]
+    return np.asarray(slope / to[0, 0])
 
 
-def warped(picture: Floats, h: Array | Warp) -> Floats:
-    """A picture (h, w, channels) under a homography, by cubic splines; its border is repeated."""
+def warped(picture: Floats, how: Warp) -> Floats:
+    """A picture (h, w, channels) under a warp, by cubic splines; its border is repeated."""
     around = ((_BORDER_PX, _BORDER_PX),) * 2 + ((0, 0),)
     nodes = spline_coefficients(np.pad(picture.astype(float, copy=False), around, mode="edge"))
-    return _between(nodes, _BORDER_PX, SPLINE_ORDER + 1, h, picture.dtype)
+    return _between(nodes, _BORDER_PX, SPLINE_ORDER + 1, how, picture.dtype)
 
 
-def warped_linearly(picture: Floats, h: Array | Warp) -> Floats:
-    """A picture (h, w, channels) under a homography, linear between pixels; its border is repeated."""
-    return _between(picture, 0, 2, h, picture.dtype)
+def warped_linearly(picture: Floats, how: Warp) -> Floats:
+    """A picture (h, w, channels) under a warp, linear between pixels; its border is repeated."""
+    return _between(picture, 0, 2, how, picture.dtype)
 
 
-def warped_mask(mask: Bools, h: Array | Warp) -> Bools:
+def warped_mask(mask: Bools, how: Warp) -> Bools:
     """(h, w) True where the support of the spline is True; False beyond the picture."""
     lost = np.pad(~mask, 1, constant_values=True)[..., None].astype(np.float32)
-    some = _between(lost, 1, 2, h, np.dtype(np.float32))[..., 0] > 1e-6
+    some = _between(lost, 1, 2, how, np.dtype(np.float32))[..., 0] > 1e-6
     return np.asarray(~scipy.ndimage.binary_dilation(some))
 
 
-def _between(nodes: Floats, pad: int, taps: int, how: Array | Warp, dtype: np.dtype[Any]) -> Floats:
-    """Values between nodes under a homography; see `warp`."""
-    size = nodes.shape[1] - 2 * pad, nodes.shape[0] - 2 * pad
-    whole = how if isinstance(how, Warp) else Warp(how, size)
-    target, source = (grid or PixelGrid(whole.size) for grid in (whole.target, whole.source))
+def _between(nodes: Floats, pad: int, taps: int, how: Warp, dtype: np.dtype[Any]) -> Floats:
+    """Values between nodes under a warp; see `warp`."""
+    target, source = (grid or PixelGrid(how.size) for grid in (how.target, how.source))
     width, height = target.size
     out = np.empty((height, width, nodes.shape[2]), dtype)
-    bends = np.ascontiguousarray(whole.bends), int(whole.upright)
-    match = homography(whole.h), to_centered(whole.size), float(whole.lens), *bends
+    bends = np.ascontiguousarray(how.bends), int(how.upright)
+    match = homography(how.h), to_centered(how.size), float(how.lens), *bends
     origins = np.array([*target.origin, *source.origin], float)
     parts = int(np.clip(height * width / _PART_PIXELS, 1, min(height, 64)))
     edges = np.linspace(0, height, parts + 1).astype(int)
