@@ -122,17 +122,37 @@ class Alignment:
         return quartile_scale(self.residuals)
 
     def covariance(self) -> Array:
-        """(k, k) of the free parameters: h first, then the free rows of light, channel by channel."""
-        free = list(GEOMETRIES[self.model[0]])
-        residuals, slopes = residuals_and_slopes(
-            self.level, self.h, self.light, free, list(self.rows)
-        )
+        """(k, k) of the free parameters: h first, then the free rows of light, channel by channel.
+
+        The sandwich covariance, clustered by tiles [White 1980]: compression and rounding correlate
+        residuals within a tile. The curvature is the product of the gradients of plate and image: the
+        noise of one picture alone would add to it, and make a plain wall seem to determine the shift.
+        """
+        level, free = self.level, list(GEOMETRIES[self.model[0]])
+        residuals, own = residuals_and_slopes(level, self.h, self.light, free, list(self.rows))
         k, m = len(free), len(self.rows)
-        of_all = np.zeros((*residuals.shape, k + 3 * m))
-        of_all[..., :k] = slopes[..., :k]
+        slopes = np.zeros((*residuals.shape, k + 3 * m))
+        slopes[..., :k] = own[..., :k]
         for c in range(3):
-            of_all[:, c, k + c * m : k + (c + 1) * m] = slopes[:, c, k:]
-        return _covariance(self.level, self.h, residuals, of_all, free)
+            slopes[:, c, k + c * m : k + (c + 1) * m] = own[:, c, k:]
+        scale = max(quartile_scale(residuals), _MIN_SCALE)
+        weight = _weights(residuals, scale) / scale**2
+        weight *= np.abs(np.nan_to_num(residuals)) < _MAX_RESIDUAL_STD * scale
+        scores = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
+        width, height = level.size
+        column, row = (level.xy * _COVARIANCE_TILES // (width, height)).T
+        tiles = np.zeros((_COVARIANCE_TILES**2, scores.shape[1]))
+        np.add.at(tiles, row * _COVARIANCE_TILES + column, scores)
+        moves = derivatives_by_h(self.h, level.xy.astype(float), level.size)
+        image_slopes = slopes.copy()
+        x, y = level.xy.T
+        across = level.image_slopes[y, x] / level.sigma[..., None]
+        image_slopes[..., :k] = np.einsum("nck,nkp->ncp", across, moves[..., free])
+        curvature = np.einsum("ncp,nc,ncq->pq", slopes, weight, image_slopes) * _CURVATURE_RATIO
+        values, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+        prior = np.eye(len(curvature)) / _PARAMETER_STD**2
+        inverse = np.linalg.inv((vectors * np.maximum(values, 0)) @ vectors.T + prior)
+        return np.asarray(inverse @ (tiles.T @ tiles + prior) @ inverse)
 
 
 def quartile_scale(residuals: Array) -> float:
@@ -276,35 +296,6 @@ def _equations(
     return normal, gradient
 
 
-def _covariance(
-    level: ComparedPair, h: Array, residuals: Array, slopes: Array, free: list[int]
-) -> Array:
-    """Sandwich covariance of the free parameters, clustered by tiles [White 1980].
-
-    Compression and rounding correlate residuals within a tile. The curvature is the product of the
-    gradients of plate and image: the noise of one picture alone would add to it, and make a plain wall
-    seem to determine the shift.
-    """
-    scale = max(quartile_scale(residuals), _MIN_SCALE)
-    weight = _weights(residuals, scale) / scale**2
-    weight *= np.abs(np.nan_to_num(residuals)) < _MAX_RESIDUAL_STD * scale
-    scores = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
-    width, height = level.size
-    column, row = (level.xy * _COVARIANCE_TILES // (width, height)).T
-    tiles = np.zeros((_COVARIANCE_TILES**2, scores.shape[1]))
-    np.add.at(tiles, row * _COVARIANCE_TILES + column, scores)
-    moves = derivatives_by_h(h, level.xy.astype(float), level.size)
-    image_slopes = slopes.copy()
-    x, y = level.xy.T
-    across = level.image_slopes[y, x] / level.sigma[..., None]
-    image_slopes[..., : len(free)] = np.einsum("nck,nkp->ncp", across, moves[..., free])
-    curvature = np.einsum("ncp,nc,ncq->pq", slopes, weight, image_slopes) * _CURVATURE_RATIO
-    values, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
-    prior = np.eye(len(curvature)) / _PARAMETER_STD**2
-    inverse = np.linalg.inv((vectors * np.maximum(values, 0)) @ vectors.T + prior)
-    return np.asarray(inverse @ (tiles.T @ tiles + prior) @ inverse)
-
-
 def _weights(residuals: Array, scale: float) -> Array:
     """(n, 3) weights of the t distribution; 0 outside the plate."""
     inside = np.isfinite(residuals)
@@ -355,17 +346,18 @@ def log_likelihood_gains(small: Alignment, large: Alignment) -> Array:
     return np.asarray((before - after).sum(axis=1))
 
 
-def gain_score(level: ComparedPair, fit: Alignment) -> tuple[Array, Array]:
+def gain_score(fit: Alignment) -> tuple[Array, Array]:
     """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
-    residuals, slopes = residuals_and_slopes(level, fit.h, fit.light, [], [0])
+    residuals, slopes = residuals_and_slopes(fit.level, fit.h, fit.light, [], [0])
     scale = max(quartile_scale(residuals), _MIN_SCALE)
     weight = _weights(residuals, scale) / scale**2
     B = slopes[..., 0]
     return -weight * B * np.nan_to_num(residuals), weight * B**2
 
 
-def residual_and_image_std(level: ComparedPair, fit: Alignment) -> tuple[float, float]:
+def residual_and_image_std(fit: Alignment) -> tuple[float, float]:
     """Robust standard deviations, linear light: of the residuals, and of the image about its median."""
+    level = fit.level
     C = level.C[level.xy[:, 1], level.xy[:, 0]]
     return quartile_scale(fit.residuals * level.sigma), quartile_scale(C - np.median(C, axis=0))
 

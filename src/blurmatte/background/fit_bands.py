@@ -40,13 +40,13 @@ def with_bands(level: ComparedPair, axis: int, frequency: float, harmonics: int)
     return replace(level, basis=np.concatenate([level.basis, functions], axis=1))
 
 
-def strongest_bands(level: ComparedPair, fit: Alignment) -> tuple[float, int, float]:
+def strongest_bands(fit: Alignment) -> tuple[float, int, float]:
     """The most likely bands of one harmonic: log likelihood that they gain, axis, and frequency.
 
     The gain is that of one step from `fit`, which is without bands, in most parts of the picture.
     """
-    found, parts = (-np.inf, 0, 1.0), np.zeros(PARTS)
-    scores = gain_score(level, fit)
+    level, found, parts = fit.level, (-np.inf, 0, 1.0), np.zeros(PARTS)
+    scores = gain_score(fit)
     for axis in (0, 1):
         place = level.xy[:, 1 - axis]
         S, A = (np.stack([np.bincount(place, x[:, c]) for c in range(3)]) for x in scores)

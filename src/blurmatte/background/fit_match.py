@@ -174,7 +174,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
             geometry = fit_level(sharp, sharp.identity, _GEOMETRY[0])
             best, bands = still, others
     match = replace(_match_of(geometry, best, image.size), bands=bands)
-    _check_same_scene(match, best, light, plate)
+    _check_same_scene(match, best, plate)
     return _of_camera(match, image, plate) if matching is None else match
 
 
@@ -217,7 +217,7 @@ def _matches(sharp: ComparedPair, light: ComparedPair, plate: LinearImage) -> bo
 
 
 def _may_have_bands(light: ComparedPair) -> bool:
-    gain, *_ = strongest_bands(light, light.identity)
+    gain, *_ = strongest_bands(light.identity)
     return gain > _penalty_of_bands(1)
 
 
@@ -286,7 +286,7 @@ def _select_light(level: ComparedPair, select: _LightSelection) -> tuple[Alignme
     plain = select.best(level)
     if select.largest < len(LIGHTS) - 1:
         return plain, None
-    found = [strongest_bands(level, start) for start in (select.fit(level, 1), plain)]
+    found = [strongest_bands(start) for start in (select.fit(level, 1), plain)]
     expected, axis, frequency = max(found)
     if expected <= _penalty_of_bands(1):
         return plain, None
@@ -324,11 +324,9 @@ def _match_of(geometry: Alignment, light: Alignment, size: tuple[int, int]) -> M
     return Match(size, geometry.h, light.light[: len(light_std)], h_std, light_std)
 
 
-def _check_same_scene(
-    match: Match, fit: Alignment, level: ComparedPair, plate: LinearImage
-) -> None:
+def _check_same_scene(match: Match, fit: Alignment, plate: LinearImage) -> None:
     """Raise PlateError if the plate shows another scene, place or light."""
-    residual, image_std = residual_and_image_std(level, fit)
+    residual, image_std = residual_and_image_std(fit)
     light = median_light(plate)
     x, y = match.shift
     if residual > max(

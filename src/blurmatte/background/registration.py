@@ -303,15 +303,9 @@ class _CanvasFit:
     """A frame fitted to what the canvas shows there."""
 
     alignment: Alignment
-    level: ComparedPair
     overlap: float
     residual: float
     image_std: float
-
-    @property
-    def h(self) -> Array:
-        """(8,) of the homography."""
-        return self.alignment.h
 
 
 def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasFit:
@@ -327,7 +321,7 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasF
     rest = np.abs(fit.residuals * fine.sigma)[inside]
     residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
     C = fine.C[fine.xy[:, 1], fine.xy[:, 0]]
-    return _CanvasFit(fit, fine, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
+    return _CanvasFit(fit, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
 
 
 def _refusal(fit: _CanvasFit, size: tuple[int, int]) -> str:
@@ -479,17 +473,17 @@ class _Mosaic:
 
     def _with(self, frame: LinearImage, gray: Floats, start: Warp, fit: _CanvasFit) -> Warp | str:
         """The view of a frame that was fitted, and is added; or why it cannot be."""
-        view = replace(start, h=composed(fit.h, start.h))
+        view = replace(start, h=composed(fit.alignment.h, start.h))
         if self.lens:  # the fit knows no lens
             fit = _fit(frame, self._seen(view), coarse=False)
-            view = replace(view, h=composed(fit.h, view.h))
+            view = replace(view, h=composed(fit.alignment.h, view.h))
         for _ in range(_BEND_ROUNDS):
-            bend = _bend(fit, view)
+            bend = _bend(fit.alignment, view)
             if np.array_equal(bend, view.bends[0]):
                 break
             view = replace(view, bends=np.stack([bend, np.zeros(2)]))
             fit = _fit(frame, self._seen(view), coarse=False)
-            view = replace(view, h=composed(fit.h, view.h))
+            view = replace(view, h=composed(fit.alignment.h, view.h))
         if why := self._pasted(frame, view, fit.alignment.light[0]):
             return why
         self.view, self.gray = view, gray
@@ -533,11 +527,11 @@ def _is_upright(frame: LinearImage) -> bool:
     return frame.meta.readout in ("down", "up")
 
 
-def _bend(fit: _CanvasFit, view: Warp) -> Array:
+def _bend(fit: Alignment, view: Warp) -> Array:
     """(2,) bend of a frame by a rolling shutter, revised by a fit if that is certain."""
     across = int(view.upright)
     moved = _centered(fit.level)[:, across, None, None] ** 2 * np.eye(2)
-    score, information = _beyond_homography(fit.level, fit.alignment, moved)
+    score, information = _beyond_homography(fit, moved)
     step = np.linalg.solve(information, score)
     bend = np.asarray(view.bends[0] + step)
     side = fit.level.size[across]
@@ -551,13 +545,13 @@ def _centered(level: ComparedPair) -> Array:
     return np.asarray((2 * level.xy + 1 - np.array(level.size)) / max(level.size), float)
 
 
-def _beyond_homography(level: ComparedPair, fit: Alignment, moved: Array) -> tuple[Array, Array]:
+def _beyond_homography(fit: Alignment, moved: Array) -> tuple[Array, Array]:
     """Score (m,) and information (m, m) of parameters of which the homography takes a part.
 
     moved (n, 2, m): displacements in the plate by them, in centered coordinates.
     """
-    residuals, slopes = residuals_and_slopes(level, fit.h, fit.light, list(range(8)), [0])
-    depth = _centered(level) @ fit.h[6:] + 1
+    residuals, slopes = residuals_and_slopes(fit.level, fit.h, fit.light, list(range(8)), [0])
+    depth = _centered(fit.level) @ fit.h[6:] + 1
     more = np.einsum("ncd,ndm->ncm", slopes[..., [2, 5]], moved * depth[:, None, None])
     use = np.isfinite(residuals) & (np.abs(np.nan_to_num(residuals)) < 3 * fit.scale)
     J = np.concatenate([slopes[..., :8], slopes[..., 8:] * np.eye(3), more], axis=-1)[use]
@@ -608,5 +602,5 @@ def _lens_equation(frame: LinearImage, seen: LinearImage, view: Warp) -> tuple[f
     more, less = (replace(view, lens=view.lens + d).points(xy) for d in (step, -step))
     back = view.inverse  # the displacement of the reference's pixels in those of the frame
     moved = (back.points(more) - back.points(less)) / (2 * step) * 2 / max(level.size)
-    score, information = _beyond_homography(level, fit, moved[..., None])
+    score, information = _beyond_homography(fit, moved[..., None])
     return float(score[0]), float(information[0, 0])
