@@ -109,7 +109,7 @@ def test_bends_by_a_rolling_shutter_are_found(points):
 def test_rows_of_bent_frames_are_read_at_other_times():
     # exact
     views = [Warp(similarity(SIZE, 0, y), SIZE) for y in (0, 12, 0)]
-    still = CameraPath(SIZE, tuple(views), ("", "", ""), PixelGrid(SIZE))
+    still = CameraPath(SIZE, tuple(views), PixelGrid(SIZE))
     bent = replace(views[1], bends=np.array([(0.01, 0), (0, 0)]))
     path = replace(still, views=(views[0], bent, views[2]))
     assert still.delay_std == 0

@@ -114,8 +114,8 @@ def test_motions_of_the_camera_are_no_cuts():
 
 def test_camera_path_names_its_farthest_frame():
     # exact
-    views = (Warp(similarity(SIZE), SIZE), None, Warp(similarity(SIZE, 3, 4), SIZE))
-    path = CameraPath(SIZE, views, ("", "dark", ""), PixelGrid(SIZE), 0)
+    views = (Warp(similarity(SIZE), SIZE), "dark", Warp(similarity(SIZE, 3, 4), SIZE))
+    path = CameraPath(SIZE, views, PixelGrid(SIZE), 0)
     assert path.reach == pytest.approx(5)
     assert path.registered == [0, 2]
     np.testing.assert_allclose(inverse(inverse(views[2].h)), views[2].h, atol=1e-12)

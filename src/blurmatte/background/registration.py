@@ -93,10 +93,8 @@ class CameraPath:
     ----------
     size : (int, int)
         (width, height) of the frames, pixels.
-    views : tuple of Warp or None
-        From the pixels of each frame to those of the reference frame; None if it is not registered.
-    reasons : tuple of str
-        Why a frame is not; "" if it is.
+    views : tuple of Warp or str
+        From the pixels of each frame to those of the reference frame; or why it is not registered.
     canvas : PixelGrid
         All that the frames show, in pixels of the reference frame.
     reference : int or None
@@ -106,8 +104,7 @@ class CameraPath:
     """
 
     size: tuple[int, int]
-    views: tuple[Warp | None, ...]
-    reasons: tuple[str, ...]
+    views: tuple[Warp | str, ...]
     canvas: PixelGrid
     reference: int | None = None
     parallax: tuple[ParallaxRegion, ...] = ()
@@ -115,23 +112,23 @@ class CameraPath:
     @property
     def lens(self) -> float:
         """Lens term of all frames, 0 if there is none."""
-        return next((view.lens for view in self.views if view is not None), 0.0)
+        return next((view.lens for view in _known(self.views)), 0.0)
 
     @property
     def registered(self) -> list[int]:
         """Indices of the frames that have a view."""
-        return [k for k, view in enumerate(self.views) if view is not None]
+        return [k for k, view in enumerate(self.views) if isinstance(view, Warp)]
 
     @property
     def unregistered(self) -> list[tuple[int, str]]:
         """Indices of the others, each with its reason."""
-        return [(k, why) for k, why in enumerate(self.reasons) if why]
+        return [(k, why) for k, why in enumerate(self.views) if isinstance(why, str)]
 
     @property
     def reach(self) -> float:
         """Largest displacement of the center of a frame against the reference frame, pixels."""
         center = (np.array([self.size]) - 1) / 2
-        seen = [view.points(center)[0] - center[0] for view in self.views if view is not None]
+        seen = [view.points(center)[0] - center[0] for view in _known(self.views)]
         return float(np.hypot(*np.array(seen).T).max())
 
     @property
@@ -142,7 +139,7 @@ class CameraPath:
         than the frames before and after, which are read at other times: to read a frame takes between
         none and all of an interval.
         """
-        seen = [view for view in self.views if view is not None]
+        seen = _known(self.views)
         if not any(view.bends.any() for view in seen) or len(seen) < 3:
             return 0.0
         center, across = (np.array([self.size]) - 1) / 2, int(seen[0].upright)
@@ -153,10 +150,8 @@ class CameraPath:
     def view(self, k: int) -> Warp:
         """That of a frame; PlateError, with the reason, if it has none."""
         view = self.views[k]
-        if view is None:
-            raise PlateError(
-                f"the camera moved, and the frame is not registered: {self.reasons[k]}"
-            )
+        if isinstance(view, str):
+            raise PlateError(f"the camera moved, and the frame is not registered: {view}")
         return view
 
     def to_canvas(self, k: int, xy: Array) -> Array:
@@ -178,11 +173,10 @@ class CameraPath:
         rgb[~warped_mask(np.ones_like(frame.valid), how)] = UNSEEN
         return LinearImage(rgb, valid=warped_mask(frame.valid, how), meta=frame.meta)
 
-    def reduced(self, numbers: Iterable[int]) -> CameraPath:
-        """The same of some of the frames."""
-        some = list(numbers)
-        views, reasons = tuple(self.views[k] for k in some), tuple(self.reasons[k] for k in some)
-        return replace(self, views=views, reasons=reasons)
+
+def _known(views: Iterable[Warp | str]) -> list[Warp]:
+    """The views of the frames that are registered."""
+    return [view for view in views if isinstance(view, Warp)]
 
 
 def seen_through(how: Warp, plate: LinearImage) -> LinearImage:
@@ -343,9 +337,9 @@ def _registered(frames: Sequence[LinearImage], cell: int, lens: float) -> Camera
     best: list[Warp | str] = []
     for first in dict.fromkeys((0, len(frames) // 2)):
         found = _chained(frames, first, cell, lens)
-        if _count(found) > _count(best):
+        if len(_known(found)) > len(_known(best)):
             best = found
-        if _count(best) >= _MIN_REGISTERED * len(frames):
+        if len(_known(best)) >= _MIN_REGISTERED * len(frames):
             break
     known = [k for k, one in enumerate(best) if isinstance(one, Warp)]
     reference = min(known, key=lambda k: abs(k - len(frames) // 2))
@@ -353,11 +347,10 @@ def _registered(frames: Sequence[LinearImage], cell: int, lens: float) -> Camera
     assert isinstance(middle, Warp)
     back = inverse(middle.h)
     views = tuple(
-        replace(one, h=composed(one.h, back), size=size) if isinstance(one, Warp) else None
+        one if isinstance(one, str) else replace(one, h=composed(one.h, back), size=size)
         for one in best
     )
-    reasons = tuple(one if isinstance(one, str) else "" for one in best)
-    return CameraPath(size, views, reasons, _canvas_of(views, size, cell), reference)
+    return CameraPath(size, views, _canvas_of(_known(views), size, cell), reference)
 
 
 def _registered_to(plate: LinearImage, frames: Sequence[LinearImage], cell: int) -> CameraPath:
@@ -368,9 +361,8 @@ def _registered_to(plate: LinearImage, frames: Sequence[LinearImage], cell: int)
     grid = PixelGrid(small.size, (x // cell, y // cell))
     mosaic = _Mosaic.of_plate(small, grid, first)
     found = [mosaic.add(_cells(frame, cell)) for frame in frames]
-    views = tuple(replace(one, size=size) if isinstance(one, Warp) else None for one in found)
-    reasons = tuple(one if isinstance(one, str) else "" for one in found)
-    return CameraPath(size, views, reasons, PixelGrid(plate.size, (x, y)))
+    views = tuple(one if isinstance(one, str) else replace(one, size=size) for one in found)
+    return CameraPath(size, views, PixelGrid(plate.size, (x, y)))
 
 
 def show_one_scene(a: LinearImage, b: LinearImage) -> bool:
@@ -380,17 +372,13 @@ def show_one_scene(a: LinearImage, b: LinearImage) -> bool:
     return isinstance(mosaic.add(_cells(b, cell)), Warp)
 
 
-def _count(found: Sequence[Warp | str]) -> int:
-    return sum(isinstance(one, Warp) for one in found)
-
-
-def _canvas_of(views: Iterable[Warp | None], size: tuple[int, int], cell: int) -> PixelGrid:
+def _canvas_of(views: Iterable[Warp], size: tuple[int, int], cell: int) -> PixelGrid:
     """The pixels that all views show."""
     width, height = size
     edge = np.linspace(0, 1, 9)  # a lens bends the border
     corners = np.array([p for p in product(edge, edge) if set(p) & {0.0, 1.0}])
     corners = corners * (width - 1, height - 1)
-    points = np.concatenate([view.points(corners) for view in views if view is not None])
+    points = np.concatenate([view.points(corners) for view in views])
     first = np.floor(points.min(axis=0) / cell).astype(int) * cell
     last = np.ceil(points.max(axis=0) / cell).astype(int) * cell
     x, y = first.tolist()
