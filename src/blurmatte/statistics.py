@@ -78,6 +78,13 @@ def cell_means(values: Floats, side: int) -> Floats:
     return sums if side == 1 else np.asarray(sums / side**2)
 
 
+def seen_means(values: Floats, seen: Bools, size: int) -> tuple[Array, Array]:
+    """(h, w, channels) means over the pixels of blocks that are seen, 0 for none, and their number."""
+    count = block_sums(seen.astype(float), size)
+    sums = block_sums(np.where(seen[..., None], values, 0), size)
+    return np.asarray(sums / np.maximum(count, 1)[..., None]), np.asarray(count, float)
+
+
 def window_sums(values: Floats | Bools, width: int, mode: str = "reflect") -> Array:
     """(H, W) sums over a window around each pixel; beyond the picture by a mode of SciPy."""
     return np.asarray(

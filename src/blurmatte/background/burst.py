@@ -7,13 +7,7 @@ import numpy as np
 import scipy
 
 from blurmatte.background.fit_match import Matching, fit_match, match_at_rest
-from blurmatte.background.guess import (
-    MARGIN_FACTOR,
-    RIM_PX,
-    PlateGuess,
-    guess_plate,
-    noise_around,
-)
+from blurmatte.background.guess import RIM_PX, PlateGuess, faint_rim, guess_plate, noise_around
 from blurmatte.background.match import Match
 from blurmatte.background.plate import plate_of_shots
 from blurmatte.background.robust_mean_kernel import UNSEEN
@@ -111,18 +105,13 @@ def _checked(image: LinearImage, plate: LinearImage, differ: Bools) -> LinearIma
 
 
 def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:
-    """(H, W) where a plate is not known or is unlikely before a guess, and the faint rims around.
-
-    Alpha of a streak falls to zero over its width; a part of it is within the error of the guess.
-    """
+    """(H, W) where a plate is not known or is unlikely before a guess, and the faint rims around."""
     variance = guess.variance + plate.variance
     z2 = ((plate.rgb - guess.rgb) ** 2 / variance).sum(axis=-1)
     off = _mostly((z2 > QUANTILE_999_3) & guess.hidden & plate.valid)
     if not off.any():
         return ~plate.valid
-    part = np.sqrt(QUANTILE_999_3 / np.quantile(z2[off], 0.95))
-    half_width = float(scipy.ndimage.distance_transform_edt(off).max())
-    margin = RIM_PX + MARGIN_FACTOR * part * 2 * half_width
+    margin = RIM_PX + faint_rim(z2[off], off)
     return np.asarray(scipy.ndimage.distance_transform_edt(~(off | ~plate.valid)) <= margin)
 
 

@@ -38,7 +38,8 @@ from blurmatte.radiometry import (
     check_picture,
     rounding_noise,
 )
-from blurmatte.statistics import CORRELATED_PX, QUANTILE_999_3, block_sums
+from blurmatte.statistics import CORRELATED_PX, QUANTILE_999_3, block_sums, seen_means
+from blurmatte.streaks.streak import cells_to_pixels
 
 _SEED = 1
 _DRAWS = 4  # of the field: with the mean they give its error in whatever is computed from it
@@ -53,7 +54,7 @@ _MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
 _DECISIVE_ODDS = 20.0  # that a cell shows the scene
 _MARGIN_PX = 4  # around what disagrees with the guess
 RIM_PX = 4  # around a streak: the guess is not made from its faintest rim
-MARGIN_FACTOR = (
+_MARGIN_FACTOR = (
     1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
 )
 _MAX_GRAINS = 250_000  # of a window: cells of texture that is drawn
@@ -250,10 +251,7 @@ def _even(image: LinearImage, seen: Bools) -> Bools:
         even[part[np.argsort(rough[part])[: max(len(part) // _LEVELS, 1)]]] = True
     tiles = np.zeros(whole.shape, bool)
     tiles[whole] = even
-    inside = np.zeros(seen.shape, bool)
-    pixels = tiles.repeat(_TILE_PX, axis=0).repeat(_TILE_PX, axis=1)
-    inside[: pixels.shape[0], : pixels.shape[1]] = pixels
-    return inside if even.any() else seen
+    return cells_to_pixels(tiles, _TILE_PX, seen.shape) if even.any() else seen
 
 
 class _Covariance(NamedTuple):
@@ -306,10 +304,9 @@ class _AroundRegion:
         noise = np.asarray(image.variance, float)[seen].mean(axis=0) @ axes**2
         texture = np.maximum((rest**2).sum(axis=(0, 1)) / np.count_nonzero(seen) - noise, 0)
         grain = int(np.ceil(np.sqrt(seen.size / _MAX_GRAINS)))
-        own = block_sums(seen.astype(float), grain)
+        means, own = seen_means(rest, seen, grain)
         whole = own > grain**2 / 2
-        means = block_sums(rest, grain) / np.maximum(own, 1)[..., None] * whole[..., None]
-        autocovariance = _autocovariance(means, whole)
+        autocovariance = _autocovariance(means * whole[..., None], whole)
         autocovariance[0, 0] = np.maximum(autocovariance[0, 0] - noise / grain**2, 0)
         return cls(window, cell, mean, std, drawn, axes, lines, texture, grain, autocovariance)
 
@@ -319,18 +316,13 @@ class _AroundRegion:
         A cell shows the scene if its light is decisively likelier as that of the guess than as any
         light of the region. Where a guess is hardly better than that, agreement says nothing. Pixels
         that are not valid show nothing.
-
-        Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below
-        the threshold: that of the threshold over the largest disagreement.
         """
         place, part = rows_columns(self.window), image.crop(self.window)
         light, inside = np.asarray(part.rgb, float), hidden[place] & part.valid
         if not inside.any():
             return hidden
-        count = block_sums(inside.astype(float), self.cell)
-        rest = light @ self.axes - self.lines.mean
-        d = block_sums(np.where(inside[..., None], rest, 0), self.cell)
-        d = d / np.maximum(count, 1)[..., None] - self.mean
+        d, count = seen_means(light @ self.axes - self.lines.mean, inside, self.cell)
+        d = d - self.mean
         noise = np.asarray(part.variance, float)[inside].mean(axis=0) @ self.axes**2
         variance = self.std**2 + self.texture + noise / self.cell**2
         inner = count > self.cell**2 / 2
@@ -341,10 +333,8 @@ class _AroundRegion:
         differs = (z2 > QUANTILE_999_3) & inner
         if not differs.any():
             return hidden
-        part = np.sqrt(QUANTILE_999_3 / np.quantile(z2[differs], 0.95))
-        pixels = inside & (differs | may_differ).repeat(self.cell, axis=0).repeat(self.cell, axis=1)
-        half_width = float(scipy.ndimage.distance_transform_edt(np.pad(pixels, 1)).max())
-        margin = _MARGIN_PX + MARGIN_FACTOR * part * 2 * half_width
+        pixels = inside & cells_to_pixels(differs | may_differ, self.cell, inside.shape)
+        margin = _MARGIN_PX + faint_rim(z2[differs], np.pad(pixels, 1))
         near = np.zeros(hidden.shape, bool)
         near[place] = scipy.ndimage.distance_transform_edt(~pixels) <= margin
         return hidden & (near | ~image.valid)
@@ -412,6 +402,20 @@ class _AroundRegion:
         drawn = scipy.fft.ifft2(np.sqrt(power) * white, axes=(0, 1)).real
         rows, columns = (np.arange(one.start, one.stop) // self.grain for one in place)
         return np.asarray(drawn[rows][:, columns])
+
+
+def faint_rim(z2: Array, differs: Bools) -> float:
+    """Width of the rim of what disagrees with a guess, in which it does not do so significantly.
+
+    z2 (n,): squared disagreement, over its variance, where it is above QUANTILE_999_3.
+    differs (H, W): the pixels there.
+
+    Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below the
+    threshold: that of the threshold over the largest disagreement.
+    """
+    part = np.sqrt(QUANTILE_999_3 / np.quantile(z2, 0.95))
+    half_width = float(scipy.ndimage.distance_transform_edt(differs).max())
+    return float(_MARGIN_FACTOR * part * 2 * half_width)
 
 
 def _window(hidden: Bools) -> tuple[Box, int]:
@@ -541,14 +545,12 @@ class _Cells(NamedTuple):
 
     def means(self, light: Array) -> Array:
         """(rows, columns, 3) of what is seen of light (h, w, 3)."""
-        count = block_sums(self.seen.astype(float), self.width)
-        sums = block_sums(np.where(self.seen[..., None], light, 0), self.width)
-        return np.asarray(sums / np.maximum(count, 1)[..., None])
+        return seen_means(light, self.seen, self.width)[0]
 
     def variance_within(self, light: Array) -> Array:
         """(3,) of the pixels about the means of their cells."""
-        count, shown = block_sums(self.seen.astype(float), self.width), light[self.seen]
-        of_means = (count[..., None] * self.means(light) ** 2).sum(axis=(0, 1))
+        (means, count), shown = seen_means(light, self.seen, self.width), light[self.seen]
+        of_means = (count[..., None] * means**2).sum(axis=(0, 1))
         squares = np.einsum("nc,nc->c", shown, shown)
         return np.asarray(np.maximum(squares - of_means, 0) / count.sum())
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
-from blurmatte.statistics import block_sums
+from blurmatte.statistics import seen_means
 
 _MAX_DIRECTIONS = 3  # of lines in one window
 _CELLS = 96  # of the longer side of a window, in which directions are sought first
@@ -100,10 +100,9 @@ class _VisibleCells:
 
     @classmethod
     def of(cls, light: Array, seen: Bools, center: Array, cell: int) -> "_VisibleCells":
-        count = block_sums(seen.astype(float), cell)
+        means, count = seen_means(light, seen, cell)
         whole = count > cell**2 / 2
-        means = block_sums(light, cell)[whole] / count[whole][:, None]
-        means -= means.mean(axis=0)
+        means = means[whole] - means[whole].mean(axis=0)
         y, x = np.argwhere(whole).T - (center[:, None] - (cell - 1) / 2) / cell
         reach = int(np.ceil(np.hypot(x, y).max())) + 1 if len(x) else 1
         return cls(x, y, means, reach)

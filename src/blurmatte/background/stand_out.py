@@ -13,7 +13,8 @@ from blurmatte.background.guess import RIM_PX, PlateGuess, guess_plate, noise_ar
 from blurmatte.checks import Array, Bools, Box, Floats, box_of, enclosing, grown, rows_columns
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_picture
-from blurmatte.statistics import QUANTILE_999_3, block_sums, robust_std
+from blurmatte.statistics import QUANTILE_999_3, robust_std, seen_means
+from blurmatte.streaks.streak import cells_to_pixels
 
 _CELLS = 64  # of the longer side of a picture
 _REACHES = 4, 8, 16  # cells from the center of a window to its border
@@ -81,12 +82,10 @@ def _candidates(image: LinearImage) -> list[Bools]:
     What reaches from one side of the picture to the other is a part of the scene.
     """
     cell = max(2, -(-max(image.size) // _CELLS))
-    count = block_sums(image.valid.astype(float), cell)
+    light, count = seen_means(np.asarray(image.rgb, float), image.valid, cell)
     known = count > cell**2 / 2
     if not known.any():
         return []
-    light = block_sums(np.where(image.valid[..., None], np.asarray(image.rgb, float), 0), cell)
-    light /= np.maximum(count, 1)[..., None]
     found = []
     for reach in _REACHES:
         z2 = _differences(light, known, 2 * reach + 1)
@@ -124,9 +123,7 @@ def _are_one(one: Bools, other: Bools) -> bool:
 
 def _in_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
     """(H, W) the pixels of cells, with a margin."""
-    pixels = np.zeros(shape, bool)
-    inner = part.repeat(cell, axis=0).repeat(cell, axis=1)
-    pixels[: inner.shape[0], : inner.shape[1]] = inner
+    pixels = cells_to_pixels(part, cell, shape)
     return np.asarray(scipy.ndimage.distance_transform_edt(~pixels) <= _MARGIN_PX + cell)
 
 

@@ -134,3 +134,11 @@ def grown_part(
     around = tuple(slice(s.start, s.stop + 2 * rim) for s in place)
     whole[around] = dilated(scipy.ndimage.binary_fill_holes(joined), rim - gap)
     return whole[rim:-rim, rim:-rim]
+
+
+def cells_to_pixels(cells: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
+    """(H, W) mask of `shape`: every cell repeated over `cell` x `cell` pixels, False beyond them."""
+    inner = cells.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]]
+    pixels = np.zeros(shape, bool)
+    pixels[: inner.shape[0], : inner.shape[1]] = inner
+    return pixels
