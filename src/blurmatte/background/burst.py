@@ -111,8 +111,8 @@ def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:
     off = _mostly((z2 > QUANTILE_999_3) & guess.hidden & plate.valid)
     if not off.any():
         return ~plate.valid
-    margin = RIM_PX + faint_rim(z2[off], off)
-    return np.asarray(scipy.ndimage.distance_transform_edt(~(off | ~plate.valid)) <= margin)
+    away = scipy.ndimage.distance_transform_edt(~(off | ~plate.valid))
+    return np.asarray(away <= faint_rim(z2[off], off))
 
 
 def _undecided(image: LinearImage, plate: LinearImage, guess: PlateGuess, moved: Bools) -> Bools:

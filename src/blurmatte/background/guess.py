@@ -52,8 +52,9 @@ _NUGGETS = np.geomspace(1e-4, 1e4, 13)  # variance of cells that is not smooth, 
 _REFINEMENTS = 2  # of what is hidden: a part of the region agrees with the guess
 _MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
 _DECISIVE_ODDS = 20.0  # that a cell shows the scene
-_MARGIN_PX = 4  # around what disagrees with the guess
-RIM_PX = 4  # around a streak: the guess is not made from its faintest rim
+RIM_PX = (
+    4  # around a streak, or what disagrees with a guess, which is not made from its faintest rim
+)
 _MARGIN_FACTOR = (
     1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
 )
@@ -334,7 +335,7 @@ class _AroundRegion:
         if not differs.any():
             return hidden
         pixels = inside & cells_to_pixels(differs | may_differ, self.cell, inside.shape)
-        margin = _MARGIN_PX + faint_rim(z2[differs], np.pad(pixels, 1))
+        margin = faint_rim(z2[differs], np.pad(pixels, 1))
         near = np.zeros(hidden.shape, bool)
         near[place] = scipy.ndimage.distance_transform_edt(~pixels) <= margin
         return hidden & (near | ~image.valid)
@@ -415,7 +416,7 @@ def faint_rim(z2: Array, differs: Bools) -> float:
     """
     part = np.sqrt(QUANTILE_999_3 / np.quantile(z2, 0.95))
     half_width = float(scipy.ndimage.distance_transform_edt(differs).max())
-    return float(_MARGIN_FACTOR * part * 2 * half_width)
+    return float(RIM_PX + _MARGIN_FACTOR * part * 2 * half_width)
 
 
 def _window(hidden: Bools) -> tuple[Box, int]:
