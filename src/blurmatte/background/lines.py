@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Indices
 from blurmatte.statistics import seen_means
 
 _MAX_DIRECTIONS = 3  # of lines in one window
@@ -39,9 +39,8 @@ class LineProfile(NamedTuple):
 
     def of_pixels(self, across: Array) -> Array:
         """(h, w, 3) of values (n, 3) across the lines."""
-        at, bins = self.position.ravel(), np.arange(len(across))
-        found = [np.interp(at, bins, column) for column in across.T]
-        return np.stack(found, axis=-1).reshape(*self.position.shape, 3)
+        found = _interpolated(self.position.ravel(), np.arange(len(across)), across)
+        return found.reshape(*self.position.shape, 3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,9 +111,7 @@ class _VisibleCells:
         c, s, bins = np.cos(angle), np.sin(angle), 2 * self.reach + 1
         at = np.rint(self.y * c - self.x * s).astype(int) + self.reach
         at += bins * (self.x * c + self.y * s >= 0)
-        count = np.bincount(at, minlength=2 * bins).astype(float)
-        sums = [np.bincount(at, column, minlength=2 * bins) for column in self.light.T]
-        means = np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None]
+        count, means = _binned(at, self.light, 2 * bins)
         return count.reshape(2, bins), means.reshape(2, bins, 3)
 
     def agreement(self, angle: float) -> tuple[float, float]:
@@ -184,24 +181,26 @@ def _likeliest(light: Array, seen: Bools, hidden: Bools) -> LineProfile | None:
     )
 
 
-def _filled(across: Array, known: Array, bins: Array) -> Array:
-    """(n, 3) of values across the lines that are known at some of them."""
-    return np.stack([np.interp(bins, known, column) for column in across.T], axis=-1)
+def _interpolated(at: Array, known: Array | Indices, across: Array) -> Array:
+    """(n, 3) values at some positions of values across the lines that are known at others."""
+    return np.stack([np.interp(at, known, column) for column in across.T], axis=-1)
+
+
+def _binned(at: Indices, values: Array, bins: int) -> tuple[Array, Array]:
+    """Number (bins,) of values (n, 3) in each bin, and their means (bins, 3)."""
+    count = np.bincount(at, minlength=bins).astype(float)
+    sums = [np.bincount(at, column, minlength=bins) for column in values.T]
+    return count, np.stack(sums, axis=-1) / np.maximum(count, 1)[:, None]
 
 
 def _scatter(cells: _VisibleCells, angle: float, light: Array, both: Bools) -> Array:
     """(n, 3) variance along each line beyond that of most: an edge is sharper than a bin."""
     at = cells.y * np.cos(angle) - cells.x * np.sin(angle) + cells.reach
-    bins = np.arange(len(light))
-    rest = cells.light - np.stack([np.interp(at, bins, column) for column in light.T], axis=-1)
+    rest = cells.light - _interpolated(at, np.arange(len(light)), light)
     rest = rest - rest.mean(axis=0)
-    nearest = np.rint(at).astype(int)
-    count = np.bincount(nearest, minlength=len(bins))
-    sums = [np.bincount(nearest, column, minlength=len(bins)) for column in (rest**2).T]
-    count = np.maximum(count, 1)[:, None]
-    variance = np.stack(sums, axis=-1) / count
+    count, variance = _binned(np.rint(at).astype(int), rest**2, len(light))
     most = np.median(variance[both], axis=0)
-    by_chance = most * (1 + _CHANCE * np.sqrt(2 / count))
+    by_chance = most * (1 + _CHANCE * np.sqrt(2 / np.maximum(count, 1)[:, None]))
     return np.where((variance > by_chance) & both[:, None], variance - most, 0)
 
 
@@ -223,7 +222,7 @@ def _profile(
     mean = sides[:, both].mean(axis=0)
     signal = np.maximum((mean**2).mean(axis=0) - error.mean(axis=0), 0)
     share = signal / np.maximum(signal + error, _TINY)
-    light, own = (_filled(across, known, bins) for across in (share * mean, share * error))
+    light, own = (_interpolated(bins, known, across) for across in (share * mean, share * error))
     variance = own + _scatter(cells, angle, light, both)
     variance[~both] += signal
     y, x = np.indices(shape, float) - center[:, None, None]
