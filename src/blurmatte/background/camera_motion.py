@@ -63,16 +63,17 @@ def check_static_camera(
 def looks_alike(plate: LinearImage, frames: Sequence[LinearImage]) -> bool:
     """Whether some frames of a clip look where a plate of their size does."""
     few = np.unique(np.linspace(0, len(frames) - 1, _FRAMES).astype(int))
-    a = plate.rgb.mean(axis=-1)
-    for frame in (frames[int(k)] for k in few):
-        b = frame.rgb.mean(axis=-1)
-        gain = float(np.median(b)) / max(float(np.median(a)), 1e-6)
-        if _moved(gain * a, b, gray_variance(frame)) > 0:
-            return False
-    return True
+    return not any(_moved(*in_gray(plate, frames[int(k)])) > 0 for k in few)
 
 
-def gray_variance(frame: LinearImage) -> float:
+def in_gray(plate: LinearImage, frame: LinearImage) -> tuple[Floats, Floats, float]:
+    """Means of the channels of a plate in the light of a frame, and of the frame; its variance."""
+    a, b = (picture.rgb.mean(axis=-1) for picture in (plate, frame))
+    gain = float(np.median(b)) / max(float(np.median(a)), 1e-6)
+    return gain * a, b, _gray_variance(frame)
+
+
+def _gray_variance(frame: LinearImage) -> float:
     """Variance by rounding of the mean of a frame's channels, light²: the least that it may have."""
     light = np.median(frame.rgb.reshape(-1, 3)[::7], axis=0)
     return max(float(rounding_noise(frame).variance(light).sum()) / 9, _MIN_VARIANCE)

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from blurmatte.background.camera_motion import gray_variance, tile_shifts
+from blurmatte.background.camera_motion import in_gray, tile_shifts
 from blurmatte.background.registration import (
     CameraPath,
     ParallaxRegion,
@@ -71,9 +71,7 @@ def _side(size: tuple[int, int]) -> int:
 
 def _displaced(image: LinearImage, seen: LinearImage, side: int) -> Iterable[tuple[Array, float]]:
     """Centers (2,) of the tiles that determine a shift, and its length, pixels."""
-    a, b = seen.rgb.mean(axis=-1), image.rgb.mean(axis=-1)
-    gain = float(np.median(b)) / max(float(np.median(a)), 1e-6)
-    for tile, shift in tile_shifts(gain * a, b, gray_variance(image), side):
+    for tile, shift in tile_shifts(*in_gray(seen, image), side):
         if shift is not None and seen.valid[tile].all():
             rows, columns = tile
             middle = np.array([columns.start, rows.start]) + (side - 1) / 2
