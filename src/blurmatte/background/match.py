@@ -289,10 +289,8 @@ class Match:
         bands = 0.0 if self.bands is None else self.bands.across(self.bands.gain(self.size))
         if not self.light[2:].any():
             return np.asarray(self.light[0] + bands, dtype=dtype)
-        width, height = self.size
-        to = to_centered(self.size)
-        u = (np.arange(width) * to[0, 0] + to[0, 2])[None, :, None]
-        v = (np.arange(height) * to[1, 1] + to[1, 2])[:, None, None]
+        v, u = (coordinates_across(self.size, axis) for axis in (0, 1))
+        u, v = u[None, :, None], v[:, None, None]
         a, _, x, y, xx, xy, yy = self.light
         field = a + x * u + y * v + xx * u * u + xy * u * v + yy * v * v
         return np.asarray(field + bands, dtype=dtype)
