@@ -8,7 +8,6 @@ HDR screens [Adobe gain map 1.0, ISO 21496-1, Ultra HDR], a clip [motion photo 1
 resources. They are not copied, so neither is what states them.
 """
 
-import io
 import re
 import struct
 import zlib
@@ -39,7 +38,7 @@ from blurmatte.files.exif import (
 )
 from blurmatte.files.png import MAX_TEXT_BYTES, png_chunks, save_chunks
 from blurmatte.files.raster import IS_SRGB, Raster
-from blurmatte.files.raster_writing import save_pixels
+from blurmatte.files.raster_writing import compress_jpeg, save_pixels
 from blurmatte.formats import JPEG, PNG, TIFF
 from blurmatte.jpeg.structure import metadata_segments
 from blurmatte.radiometry.transfer import SRGB
@@ -162,8 +161,6 @@ def save_new_jpeg(path: Path, raster: Raster, pixels: AnyArray) -> None:
 
     Raises FileError if a JPEG cannot hold them.
     """
-    from PIL import Image
-
     if raster.alpha is not None and raster.alpha.min() < 1:
         raise FileError(f"{raster.path}: write .png or .tif; a JPEG cannot hold its alpha")
     metadata = read_metadata(raster)
@@ -177,9 +174,7 @@ def save_new_jpeg(path: Path, raster: Raster, pixels: AnyArray) -> None:
     options |= {"icc_profile": metadata.profile} if metadata.profile else {}
     options |= {"xmp": metadata.xmp} if metadata.xmp else {}
     options |= {"dpi": metadata.dpi} if metadata.dpi else {}
-    file = io.BytesIO()
-    Image.fromarray(codes).save(file, "JPEG", quality=95, subsampling=0, **options)
-    path.write_bytes(file.getvalue())
+    compress_jpeg(path, codes, **options)
 
 
 def raster_colors(raster: Raster, pixels: AnyArray) -> AnyArray:

@@ -92,12 +92,7 @@ def _write_strips(
 
 
 def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> None:
-    """Write (H, W, 3) sRGB code values at quality 95 without chroma subsampling.
-
-    Pillow writes it: on a full disk OpenImageIO's JPEG library terminates the process.
-
-    Raises OSError if the file cannot be written completely.
-    """
+    """Write (H, W, 3) sRGB code values, see `compress_jpeg`, and what they mean."""
     from PIL import Image
     from PIL.TiffImagePlugin import IFDRational
 
@@ -106,8 +101,20 @@ def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> 
     ifd[TiffTag.COLOR_SPACE] = IS_SRGB
     if exposure_time:
         ifd[TiffTag.EXPOSURE_TIME] = IFDRational(round(exposure_time * 1e6), 1_000_000)
+    compress_jpeg(path, codes, exif=exif)
+
+
+def compress_jpeg(path: Path, codes: Codes8, **options: Any) -> None:
+    """Write (H, W, 3) or (H, W) code values at quality 95 without chroma subsampling.
+
+    Pillow writes it: on a full disk OpenImageIO's JPEG library terminates the process.
+
+    Raises OSError if the file cannot be written completely.
+    """
+    from PIL import Image
+
     content = io.BytesIO()  # if it wrote to the file, Pillow would not notice a full disk
-    Image.fromarray(codes).save(content, "JPEG", quality=95, subsampling=0, exif=exif)
+    Image.fromarray(codes).save(content, "JPEG", quality=95, subsampling=0, **options)
     path.write_bytes(content.getvalue())
 
 
