@@ -10,14 +10,13 @@ from pathlib import Path
 
 import blurmatte as bm
 from blurmatte.cli.console import about, warn
-from blurmatte.cli.selection import GUESSED, CameraReading, ObjectColor, Selection
+from blurmatte.cli.selection import GUESSED, CameraReading, ObjectColor, Reading, Selection
 
 
 @dataclass(frozen=True, eq=False)
 class PictureOptions:
     """Options that apply to all images."""
 
-    reading: CameraReading
     plates: list[bm.LinearImage]  # none: it is guessed from the surroundings of the region
     notes: list[str]  # warnings of reading the plate
     selection: Selection
@@ -57,7 +56,7 @@ def solved_picture_at(
     matching = bm.background.Matching.NONE if plate == GUESSED else None
     selection = Selection(reading, ObjectColor(), region)
     solver = bm.matting.Averaged(opacity=opacity)
-    task = PictureOptions(reading, plates, notes, selection, None, solver, matching)
+    task = PictureOptions(plates, notes, selection, None, solver, matching)
     with about(path) as said:
         return solved(task, path, said)[-1]
 
@@ -69,7 +68,8 @@ def solved(
     from blurmatte.explain.grade import doubts
 
     logging.getLogger("blurmatte").info("reading the picture")
-    C = task.reading.read(path, said)
+    reading = task.selection.reading
+    C = reading.read(path, said)
     C, matched, match = task.with_plate(C)
     streak = task.selection.streak(C, matched)
     hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
@@ -84,7 +84,7 @@ def solved(
             occluder=hidden,
         )
     solution = replace(solution, stats=solution.stats.with_match(match))
-    for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
+    for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, reading)]:
         said.append(f"{path}: {doubt.rstrip('.')}")
         warn(said[-1])
     return C, matched, match, solution
@@ -128,7 +128,7 @@ def naming_streaks(
 
 
 def _curve_doubts(
-    image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, reading: CameraReading
+    image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, reading: Reading
 ) -> list[str]:
     """A warning if a disc of one color fits only with another transfer curve."""
     curves = image.meta.transfer, plate.meta.transfer

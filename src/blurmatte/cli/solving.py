@@ -132,7 +132,7 @@ def solve(
     settings = {"selection": repr(selection), "match": plate.match}
     row = replace(row, settings={**settings, "solver": f"{solver} {how.seconds} {how.opacity}"})
     matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
-    task = PictureOptions(reading, plates, notes, selection, how.occluder, method, matching)
+    task = PictureOptions(plates, notes, selection, how.occluder, method, matching)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
