@@ -203,18 +203,8 @@ def in_degrees(model: bm.ColorModel) -> str:
 
 def color_numbers(model: bm.ColorModel) -> dict[str, Any]:
     """The numbers of a color model, as in report.json, and sentences."""
-    return {
-        "rank": model.rank,
-        "color": model.color,
-        "mean": model.mean,
-        "hex": model.hex,
-        "rgb": model.rgb,
-        "basis": model.basis,
-        "covariance": model.covariance,
-        "angle_std_degrees": model.angle_std,
-        "evidence_degrees": model.evidence,
-        "in_words": bm.explain(model),
-    }
+    numbers = {name: value for name, value in model.numbers().items() if name != "to_srgb"}
+    return {**numbers, "in_words": bm.explain(model)}
 
 
 def grade_lines(solution: bm.Solution) -> list[str]:

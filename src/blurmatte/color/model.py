@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import scipy
@@ -159,6 +160,21 @@ class ColorModel:
         """The color that names the object, if it is known, the rank, and the ends of a plane."""
         kinds = "", f"between {' and '.join(self.hex)}", "any colors"
         return ", ".join(filter(None, (self.color, f"rank {self.rank}", kinds[self.rank - 1])))
+
+    def numbers(self) -> dict[str, Any]:
+        """All of it by name, with its color, for reports."""
+        return {
+            "rank": self.rank,
+            "color": self.color,
+            "mean": self.mean,
+            "hex": self.hex,
+            "rgb": self.rgb,
+            "to_srgb": self.to_srgb,
+            "basis": self.basis,
+            "covariance": self.covariance,
+            "angle_std_degrees": self.angle_std,
+            "evidence_degrees": self.evidence,
+        }
 
     @property
     def possible(self) -> tuple[ColorModel, ...]:
