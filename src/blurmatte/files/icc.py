@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from blurmatte.checks import Array, Floats
-from blurmatte.radiometry.transfer import LINEAR, SRGB, Transfer, gamma
+from blurmatte.radiometry.transfer import LINEAR, SRGB, Odd, Transfer, gamma
 
 SAME_PRIMARIES = (
     3e-3  # of a matrix to sRGB: sRGB profiles differ so much in their adaptation to D50
@@ -160,7 +160,8 @@ def _sampled(tag: bytes) -> Transfer:
         return _power(values[0] / 256)
     light = np.array(values) / 65535
     v = np.linspace(0, 1, count)
-    return Transfer("icc", _Polyline(v, light), _Polyline(np.maximum.accumulate(light), v))
+    codes = _Polyline(np.maximum.accumulate(light), v)
+    return Transfer("icc", Odd(_Polyline(v, light)), Odd(codes))
 
 
 def _power(exponent: float) -> Transfer:
@@ -173,15 +174,14 @@ def _power(exponent: float) -> Transfer:
 
 @dataclass(frozen=True, eq=False)
 class _Polyline:
-    """Linear interpolation; an odd function, and proportional above the last point."""
+    """Linear interpolation, proportional above the last point."""
 
     x: Array
     y: Array
 
     def __call__(self, value: Floats) -> Floats:
-        size = np.abs(value)
-        above = np.maximum(size / self.x[-1], 1)
-        return np.asarray(np.copysign(np.interp(size, self.x, self.y) * above, value))
+        above = np.maximum(value / self.x[-1], 1)
+        return np.asarray(np.interp(value, self.x, self.y) * above)
 
 
 def _parametric(tag: bytes) -> Transfer:
@@ -203,12 +203,12 @@ def _parametric(tag: bytes) -> Transfer:
         c, d, *shift = rest[2:]
         e, f = shift or (0.0, 0.0)
         power = _PowerWithFoot(g, a, b, c, d, e, f)
-    return Transfer("icc", power.decode, power.encode)
+    return Transfer("icc", Odd(power.decode), Odd(power.encode))
 
 
 @dataclass(frozen=True)
 class _PowerWithFoot:
-    """light = (a v + b)^g + e for v ≥ d, c v + f below; an odd function."""
+    """light = (a v + b)^g + e for v ≥ d, c v + f below."""
 
     g: float
     a: float
@@ -218,19 +218,17 @@ class _PowerWithFoot:
     e: float
     f: float
 
-    def decode(self, value: Floats) -> Floats:
+    def decode(self, v: Floats) -> Floats:
         """Light of code values."""
-        v = np.abs(value)
         upper = np.maximum(self.a * v + self.b, 0) ** self.g + self.e
-        return np.copysign(np.where(v >= self.d, upper, self.c * v + self.f), value)
+        return np.where(v >= self.d, upper, self.c * v + self.f)
 
-    def encode(self, value: Floats) -> Floats:
+    def encode(self, light: Floats) -> Floats:
         """Code values of light."""
-        light = np.abs(value)
         knee = max(self.a * self.d + self.b, 0) ** self.g + self.e
         upper = (np.maximum(light - self.e, 0) ** (1 / self.g) - self.b) / self.a
         foot = (light - self.f) / self.c if self.c else np.zeros_like(light)
-        return np.copysign(np.maximum(np.where(light >= knee, upper, foot), 0), value)
+        return np.maximum(np.where(light >= knee, upper, foot), 0)
 
 
 def matrix_to_srgb(chromaticities: Sequence[float]) -> Array | None:

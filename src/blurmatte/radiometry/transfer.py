@@ -148,12 +148,13 @@ class _LinearInterpolation:
 
 # Classes and not closures: they can be pickled for other processes.
 @dataclass(frozen=True)
-class _Odd:
+class Odd:
     """The odd continuation of a curve of non-negative numbers."""
 
     curve: Curve
 
     def __call__(self, x: Any) -> Any:
+        """Its values at numbers of either sign."""
         return np.copysign(self.curve(np.abs(x)), x)
 
 
@@ -191,8 +192,8 @@ def _rec709_encode(light: Floats) -> Floats:
     return np.where(light < _B, 4.5 * light, _A * light**0.45 - (_A - 1))
 
 
-SRGB = Transfer("srgb", _Odd(_srgb_decode), _Odd(_srgb_encode))  # IEC 61966-2-1:1999
-REC709 = Transfer("rec709", _Odd(_rec709_decode), _Odd(_rec709_encode))  # ITU-R BT.709-6 §1.2
+SRGB = Transfer("srgb", Odd(_srgb_decode), Odd(_srgb_encode))  # IEC 61966-2-1:1999
+REC709 = Transfer("rec709", Odd(_rec709_decode), Odd(_rec709_encode))  # ITU-R BT.709-6 §1.2
 LINEAR = Transfer("linear", _same, _same)
 
 
@@ -230,8 +231,8 @@ def _pq_encode(light: Floats) -> Floats:
 
 # ITU-R BT.2100-3: HLG by its inverse OETF, light of the scene; PQ by its EOTF, light of the display,
 # which is that of the scene up to the rendering of the camera.
-HLG = Transfer("hlg", _Odd(_hlg_decode), _Odd(_hlg_encode))
-PQ = Transfer("pq", _Odd(_pq_decode), _Odd(_pq_encode))
+HLG = Transfer("hlg", Odd(_hlg_decode), Odd(_hlg_encode))
+PQ = Transfer("pq", Odd(_pq_decode), Odd(_pq_encode))
 
 
 def gamma(exponent: float) -> Transfer:
@@ -251,8 +252,8 @@ def gamma(exponent: float) -> Transfer:
         raise ValueError(f"gamma must lie between 0.1 and 10, got {exponent}")
     return Transfer(
         f"gamma{exponent:g}",
-        _Odd(_Power(exponent)),
-        _Odd(_Power(1 / exponent)),
+        Odd(_Power(exponent)),
+        Odd(_Power(1 / exponent)),
     )
 
 
