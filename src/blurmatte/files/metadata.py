@@ -40,7 +40,7 @@ from blurmatte.files.png import MAX_TEXT_BYTES, png_chunks, save_chunks
 from blurmatte.files.raster import IS_SRGB, Raster
 from blurmatte.files.raster_writing import compress_jpeg, save_pixels
 from blurmatte.formats import JPEG, PNG, TIFF
-from blurmatte.jpeg.structure import metadata_segments
+from blurmatte.jpeg.structure import metadata_segments, stored_segment
 from blurmatte.radiometry.transfer import SRGB
 
 _XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
@@ -103,7 +103,7 @@ def current_segments(segments: Iterable[bytes]) -> tuple[bytes, ...]:
         elif head[1] == 0xED and body.startswith(PHOTOSHOP_MARK):
             body = PHOTOSHOP_MARK + without_small_copies(body[len(PHOTOSHOP_MARK) :])
         if not (head[1] == 0xE2 and is_about_further_pictures(body)):
-            current.append(head + struct.pack(">H", len(body) + 2) + body)
+            current.append(stored_segment(head[1], body))
     return tuple(current)
 
 

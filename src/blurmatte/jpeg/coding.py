@@ -23,6 +23,7 @@ from blurmatte.jpeg.structure import (
     block_numbers,
     is_rgb,
     scan_order,
+    stored_segment,
 )
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.sensor import Orientation
@@ -150,7 +151,7 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
             *jpeg.metadata,
             _quantization_segment(jpeg),
             _frame_segment(jpeg),
-            _segment(Marker.DHT, tables),
+            stored_segment(Marker.DHT, tables),
             _scan_segment(jpeg),
             packed[:length].tobytes(),
             struct.pack(">BB", 0xFF, Marker.EOI),
@@ -169,10 +170,6 @@ def _huffman_tables(counts: Ints64) -> tuple[HuffmanCodes, Codes8, bytes]:
     return codes, lengths, body
 
 
-def _segment(marker: int, body: bytes) -> bytes:
-    return struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
-
-
 def _table_indices(jpeg: Jpeg) -> list[int]:
     """The quantization table of each component; equal tables are written once."""
     tables = [table.tobytes() for table in jpeg.quantization]
@@ -185,7 +182,7 @@ def _quantization_segment(jpeg: Jpeg) -> bytes:
     for name, table in dict(zip(_table_indices(jpeg), jpeg.quantization, strict=True)).items():
         wide = int(table.max() > 255)
         body += bytes([wide << 4 | name]) + table.astype(">u2" if wide else "u1").tobytes()
-    return _segment(Marker.DQT, body)
+    return stored_segment(Marker.DQT, body)
 
 
 def _frame_segment(jpeg: Jpeg) -> bytes:
@@ -194,12 +191,12 @@ def _frame_segment(jpeg: Jpeg) -> bytes:
     for c, table in zip(jpeg.components, _table_indices(jpeg), strict=True):
         body += bytes([c.number, c.across << 4 | c.down, table])
     wide = any(table.max() > 255 for table in jpeg.quantization)  # baseline has 8-bit tables only
-    return _segment(Marker.SOF1 if wide else Marker.SOF0, body)
+    return stored_segment(Marker.SOF1 if wide else Marker.SOF0, body)
 
 
 def _scan_segment(jpeg: Jpeg) -> bytes:
     parts = [bytes([c.number, 0x11 if i else 0x00]) for i, c in enumerate(jpeg.components)]
-    return _segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
+    return stored_segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
 
 
 def huffman_codes(counts: Ints64) -> tuple[bytes, HuffmanCodes, Codes8]:

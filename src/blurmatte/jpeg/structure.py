@@ -195,7 +195,7 @@ class Segments:
 
     def _parse(self, marker: int, body: bytes) -> None:
         if _is_metadata(marker):
-            self.metadata.append(struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body)
+            self.metadata.append(stored_segment(marker, body))
         elif marker == Marker.DQT:
             self._define_quantization(body)
         elif marker == Marker.DHT:
@@ -351,6 +351,11 @@ def is_rgb(metadata: list[bytes] | tuple[bytes, ...], components: tuple[Componen
     if adobe:
         return adobe[0][15] == 0  # the color transform: none
     return [component.number for component in components] == list(b"RGB")
+
+
+def stored_segment(marker: int, body: bytes) -> bytes:
+    """A segment as it is stored."""
+    return struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
 
 
 def _is_metadata(marker: int) -> bool:
