@@ -382,11 +382,9 @@ def _frames(
         rate = timing.playback_rate if decode is decode_layers else timing.rate  # type: ignore[redundant-expr]
         numbers = range(timing.count)
         return Frames(numbers, clip.size, rate, partial(decode, clip), clip)
-    warned: list[Warning | str] = []
-    size = _read(read_one, paths[0], transfer, max_pixels, warned).size
-    load = _PictureReader(
-        tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned
-    )
+    reader = _PictureReader(tuple(paths), read_one, transfer, max_pixels)
+    size = reader.picture(paths[0]).size
+    load = replace(reader, size=size)
     return Frames(range(len(paths)), size, None, load, picture_numbers=picture_numbers(paths))
 
 
@@ -395,15 +393,15 @@ class _PictureReader(Generic[Frame]):
     """Reads the pictures of a sequence; other processes can, too."""
 
     paths: tuple[Path, ...]
-    size: tuple[int, int]
-    read_one: Callable[[Path, Transfer | None, int, list[Warning | str]], Frame]
+    read_one: Callable[[Path, Transfer | None, int], Frame]
     transfer: Transfer | None
     max_pixels: int
-    warned: list[Warning | str]
+    size: tuple[int, int] = (0, 0)  # of the first picture
+    warned: list[Warning | str] = field(default_factory=list)  # of an assumed curve
 
     def __call__(self, numbers: range) -> Iterator[Frame]:
         for path in (self.paths[number] for number in numbers):
-            frame = self.read_one(path, self.transfer, self.max_pixels, self.warned)
+            frame = self.picture(path)
             if frame.size != self.size:
                 raise FileError(
                     "{}: give frames of one size; it has {}x{} pixels, but {} has {}x{}".format(
@@ -412,24 +410,17 @@ class _PictureReader(Generic[Frame]):
                 )
             yield frame
 
-
-def _read(
-    read_one: Callable[[Path, Transfer | None, int], Frame],
-    path: Path,
-    transfer: Transfer | None,
-    max_pixels: int,
-    warned: list[Warning | str],
-) -> Frame:
-    """One picture of a sequence; an assumed curve is warned of once, then `warned` is not empty."""
-    curve = None if format_at(path) is EXR else transfer  # EXRs hold light
-    with warnings.catch_warnings(record=True, action="always") as caught:
-        frame = read_one(path, curve, max_pixels)
-    for one in caught:
-        if not (issubclass(one.category, TransferWarning) and warned):
-            warn(str(one.message), one.category)
-        if issubclass(one.category, TransferWarning):
-            warned.append(one.message)
-    return frame
+    def picture(self, path: Path) -> Frame:
+        """One picture; an assumed curve is warned of once, then `warned` is not empty."""
+        curve = None if format_at(path) is EXR else self.transfer  # EXRs hold light
+        with warnings.catch_warnings(record=True, action="always") as caught:
+            frame = self.read_one(path, curve, self.max_pixels)
+        for one in caught:
+            if not (issubclass(one.category, TransferWarning) and self.warned):
+                warn(str(one.message), one.category)
+            if issubclass(one.category, TransferWarning):
+                self.warned.append(one.message)
+        return frame
 
 
 def _write_clip(target: Path, frames: Iterator[Thing], rate: float) -> list[Path]:
