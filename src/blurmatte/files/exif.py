@@ -90,6 +90,14 @@ def numbers(tag: Union[Tag, "Tags"]) -> list[int]:
     return [int(n) for n in np.frombuffer(tag.data, f">u{_BYTES[tag.form]}")]
 
 
+def nested(tags: Tags, *names: int) -> Union[Tag, "Tags"]:
+    """What a tag of nested directories holds; no tags if one of them is missing."""
+    found: Tag | Tags = tags
+    for name in names:
+        found = {} if isinstance(found, Tag) else found.get(name, {})
+    return found
+
+
 def parse_tags(block: bytes | mmap.mmap, page: int = 0) -> Tags:
     """The tags of one directory of a TIFF or an EXIF block, with nested directories.
 

@@ -28,7 +28,9 @@ from blurmatte.files.exif import (
     Tag,
     Tags,
     TiffTag,
+    fractions,
     longs,
+    nested,
     numbers,
     parse_tags,
     rational,
@@ -248,14 +250,11 @@ def _read_tiff(raster: Raster) -> Metadata:
 
 def _dpi(tags: Tags) -> tuple[float, float] | None:
     (unit,) = numbers(tags.get(TiffTag.RESOLUTION_UNIT, shorts(_INCH)))[:1] or [_INCH]
-    x, y = (
-        numbers(tags[tag]) if tag in tags else []
-        for tag in (TiffTag.X_RESOLUTION, TiffTag.Y_RESOLUTION)
-    )
-    if unit not in (_INCH, _CENTIMETER) or len(x) != 2 or len(y) != 2 or not x[1] * y[1]:
+    x, y = (fractions(nested(tags, tag)) for tag in (TiffTag.X_RESOLUTION, TiffTag.Y_RESOLUTION))
+    if unit not in (_INCH, _CENTIMETER) or len(x) != 1 or len(y) != 1:
         return None
     scale = 1 if unit == _INCH else 2.54
-    return scale * x[0] / x[1], scale * y[0] / y[1]
+    return scale * x[0], scale * y[0]
 
 
 def _tags_of(metadata: Metadata, omitted: tuple[int, ...]) -> dict[int, Any]:

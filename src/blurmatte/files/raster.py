@@ -29,7 +29,7 @@ from blurmatte.files.errors import (
     silent_libraries,
     wanted_channels,
 )
-from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbers, parse_tags
+from blurmatte.files.exif import EXIF_MARK, Tag, TiffTag, fractions, nested, numbers, parse_tags
 from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import BMP, EXR, FITS, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
@@ -159,7 +159,7 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
     except UnicodeDecodeError as error:
         raise damaged(path, form, ["a name is not text"]) from error
     if form is not EXR:
-        tags |= _colors_and_time_of_exif(_exif_block(path, form, png), page)
+        tags |= _of_exif(_exif_block(path, form, png), page)
     pixels, inside = _full_picture(pixels, spec)
     pixels, inside = _upright((pixels, inside), tags)
     return Raster(path, form, pixels, kept, inside, tags, png, page)
@@ -171,28 +171,13 @@ def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
     tags: dict[str, Any] = {"oiio:UnassociatedAlpha": 1}
     tags |= {"ICCProfile": photo.profile} if photo.profile else {}
     tags |= {CICP: photo.cicp} if photo.cicp else {}
-    tags |= _colors_and_time_of_exif(photo.exif, 0) | _numbers_of_exif(photo.exif)
+    tags |= _of_exif(photo.exif, 0, alone=True)
     (pixels,) = _upright((photo.pixels,), tags)
     inside = np.ones(pixels.shape[:2], bool)
     return Raster(
         *(path, form, pixels, photo.names, inside, tags, None, 0),
         *(photo.bits, photo.subsampled, photo.exif, photo.xmp),
     )
-
-
-def _numbers_of_exif(block: bytes) -> dict[str, Any]:
-    """Orientation and color space, by OpenImageIO's names, where EXIF states them."""
-    try:
-        tags = parse_tags(block)
-    except ValueError:
-        return {}
-    inner = tags.get(TiffTag.EXIF, {})
-    inner = {} if isinstance(inner, Tag) else inner
-    found: dict[str, Sequence[float]] = {
-        "Orientation": numbers(tags.get(TiffTag.ORIENTATION, {})),
-        "Exif:ColorSpace": numbers(inner.get(TiffTag.COLOR_SPACE, {})),
-    }
-    return {name: values[0] for name, values in found.items() if values}
 
 
 def _stored(
@@ -304,20 +289,19 @@ def _exif_block(path: Path, form: Format, png: PngHeader | None) -> bytes | mmap
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
-def _colors_and_time_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
+def _of_exif(block: bytes | mmap.mmap, page: int, alone: bool = False) -> dict[str, Any]:
     """DCF's name of the color space (such as b"R03"), chromaticities and exposure time, if stated.
 
-    OpenImageIO gives the time only where it has the type that EXIF wants.
+    OpenImageIO gives the time only where it has the type that EXIF wants. If it has not read the file
+    (`alone`), also orientation and color space, by its names.
     """
     try:
         tags = parse_tags(block, page)
     except ValueError:  # some cameras and programs write invalid EXIF
         return {}
     found: dict[str, Any] = {}
-    index: Tag | Tags = tags
-    for name in (TiffTag.EXIF, TiffTag.INTEROPERABILITY, TiffTag.INTEROPERABILITY_INDEX):
-        index = {} if isinstance(index, Tag) else index.get(name, {})
-    if isinstance(index, Tag):
+    interoperability = TiffTag.EXIF, TiffTag.INTEROPERABILITY, TiffTag.INTEROPERABILITY_INDEX
+    if isinstance(index := nested(tags, *interoperability), Tag):
         found[DCF] = index.data.rstrip(b"\0")
     white, colors = (
         fractions(tags.get(name, {}))
@@ -325,9 +309,13 @@ def _colors_and_time_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, A
     )
     if len(white) == 2 and len(colors) == 6:
         found[PRIMARIES] = (*colors, *white)
-    inner = tags.get(TiffTag.EXIF, {})
-    time = [] if isinstance(inner, Tag) else fractions(inner.get(TiffTag.EXPOSURE_TIME, {}))
-    return found | ({"ExposureTime": time[0]} if time else {})
+    stated: dict[str, Sequence[float]] = {
+        "ExposureTime": fractions(nested(tags, TiffTag.EXIF, TiffTag.EXPOSURE_TIME))
+    }
+    if alone:
+        stated["Orientation"] = numbers(nested(tags, TiffTag.ORIENTATION))
+        stated["Exif:ColorSpace"] = numbers(nested(tags, TiffTag.EXIF, TiffTag.COLOR_SPACE))
+    return found | {name: values[0] for name, values in stated.items() if values}
 
 
 def _silent(form: Format) -> AbstractContextManager[None]:
