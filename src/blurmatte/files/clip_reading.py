@@ -6,7 +6,7 @@ by the matrix and range of the stream; here R'G'B' becomes light with the primar
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -143,26 +143,23 @@ def decode_frames(
 
     Raises FileError if the clip is damaged or its frames differ in size, as do all decoders here.
     """
-    table = _table(clip)
     for number, frame in _decoded(clip, numbers):
         coding = None
         if coding_errors is not None:
             coding = FrameCoding(partial(coding_errors, clip, (number,)))
-        yield _light(
-            clip, table, _codes(clip, frame), number, clip.timing.time_of(number, frame), coding
-        )
+        time = clip.timing.time_of(number, frame)
+        yield _light(clip, _codes(clip, frame), number, time, coding)
 
 
 def _light(
     clip: Clip,
-    table: Floats32,
     codes: AnyArray,
     number: int,
     time: float | None,
     coding: FrameCoding | None = None,
 ) -> LinearImage:
     """Linear light of some of the code values of a frame."""
-    light = to_srgb_primaries(table.take(codes), clip.encoding)
+    light = to_srgb_primaries(_table(clip).take(codes), clip.encoding)
     when = f" ({time:.2f} s)" if time is not None else ""
     name = f"{clip.path.name} frame {number}{when}"
     curve, readout = clip.encoding.curves[0], clip.orientation.readout
@@ -200,13 +197,12 @@ def _chroma(clip: Clip, light: Floats) -> list[Array]:
 
 def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:
     """The frames of a clip with alpha, whose colors are straight."""
-    table = _table(clip)
     shift = 16 - clip.bits if clip.bits > 8 else 0
     top = np.float32(2**clip.bits - 1)
     for _, frame in _decoded(clip, numbers):
         codes = _codes(clip, frame, alpha=True)
         alpha = (codes[..., 3] >> shift) / top
-        light = to_srgb_primaries(table.take(codes[..., :3]), clip.encoding)
+        light = to_srgb_primaries(_table(clip).take(codes[..., :3]), clip.encoding)
         yield Layer(alpha, light * alpha[..., None])
 
 
@@ -220,9 +216,8 @@ def decode_coded(clip: Clip, numbers: range) -> Iterator[CodedFrame]:
     FileError
         As `decode_frames`.
     """
-    table = _table(clip)
     for number, frame in _decoded(clip, numbers, keep_open=True):
-        yield _coded(clip, table, number, frame)
+        yield _coded(clip, number, frame)
 
 
 def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
@@ -247,14 +242,14 @@ def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
     return CodedFrame(-1, None, planes, zero_of(like), 1.0, lambda box, every: picture.crop(box))
 
 
-def _coded(clip: Clip, table: Floats32, number: int, frame: Any) -> CodedFrame:
+def _coded(clip: Clip, number: int, frame: Any) -> CodedFrame:
     """A `VideoFrame` as code values; its light is converted when it is first asked for."""
     same = planar(frame)
     time, size = clip.timing.time_of(number, frame), 3 if clip.bits <= 8 else 6
     luma, blue, red = (
         np.ascontiguousarray(clip.orientation.upright(plane)) for plane in planes_of(same)
     )
-    light_of = _LightOf(clip, table, number, time, frame)
+    light_of = _LightOf(clip, number, time, frame)
     rgb_codes = light_of.rgb_codes if clip.encoding.matrix is None else None
     planes = luma, blue, red
     return CodedFrame(number, time, planes, zero_of(same), 1.0, light_of, size, rgb_codes)
@@ -265,7 +260,6 @@ class _LightOf:
     """Light of boxes of a `VideoFrame`, of which only R'G'B' codes are kept once it is asked for."""
 
     clip: Clip
-    table: Floats32
     number: int
     time: float | None
     frame: Any
@@ -274,13 +268,13 @@ class _LightOf:
     def __call__(self, box: Box, every: int) -> LinearImage:
         x0, y0, x1, y1 = box
         part = self.rgb_codes().codes[y0:y1:every, x0:x1:every]
-        return _light(self.clip, self.table, part, self.number, self.time)
+        return _light(self.clip, part, self.number, self.time)
 
     def rgb_codes(self) -> RgbCodes:
         """The code values of the frame, which are kept."""
         if self.codes is None:
             self.codes, self.frame = _codes(self.clip, self.frame), None
-        return RgbCodes(self.codes, self.table, _clipped_from(self.clip))
+        return RgbCodes(self.codes, _table(self.clip), _clipped_from(self.clip))
 
 
 def _is_planar(frame: Any) -> bool:
@@ -367,6 +361,7 @@ def _white(frame: Any, bits: int) -> int:
     return LIMITED_WHITE
 
 
+@lru_cache(maxsize=2)  # of the clip that is read, and one that is compared with it
 def _table(clip: Clip) -> Floats32:
     """Light of every code value."""
     codes = np.arange(256 if clip.bits <= 8 else 65536)
