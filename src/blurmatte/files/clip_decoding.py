@@ -13,8 +13,8 @@ from typing import Any
 
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.clip_times import Timing
-from blurmatte.files.errors import check_exists, not_read, plain_name
-from blurmatte.formats import Holds, format_at
+from blurmatte.files.errors import check_exists, plain_name
+from blurmatte.formats import format_at
 
 _MIN_DISTANCE = 4  # frames to the next one that is wanted; in fewer, few are of no use
 
@@ -173,13 +173,8 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
     """The container of a clip and its video stream; errors of FFmpeg become FileErrors."""
     av = video_library(path)
     check_exists(path, "give a clip, or the pictures in it")
-    form = format_at(path)
-    if form is not None and form.one_picture:
-        raise FileError(f"{path}: give a clip, or several pictures; it is one picture ({form})")
-    if form is not None and form.holds is Holds.OTHER:
-        raise not_read(path, form)
     with naming_errors(path), ExitStack() as stack:
-        with plain_name(path.absolute(), form) as name:
+        with plain_name(path.absolute(), format_at(path)) as name:
             container = stack.enter_context(av.open(name, options=_NO_OTHER_FILES))
         videos = videos_of(container)
         if not videos:

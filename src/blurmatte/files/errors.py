@@ -57,13 +57,8 @@ def format_of(path: Path) -> Format:
             "blurmatte track or blurmatte solve (read_frames), which read clips"
         )
     if form.holds is Holds.OTHER:
-        raise not_read(path, form)
+        raise FileError(f"{path}: {form.remedy}; this kind of file ({form}) is not read")
     return form
-
-
-def not_read(path: Path, form: Format) -> FileError:
-    """The error for a format that is known, and not read."""
-    return FileError(f"{path}: {form.remedy}; this kind of file ({form}) is not read")
 
 
 @contextmanager
