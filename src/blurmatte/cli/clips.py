@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
@@ -11,7 +10,7 @@ from typing import Any
 
 import blurmatte as bm
 from blurmatte.cli.console import WITHOUT_HUE, about, answer, complain, in_degrees, waiting
-from blurmatte.cli.quantities import Direction
+from blurmatte.cli.quantities import Direction, processes
 from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
 from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import clip_in_words, summary_in_words
@@ -50,19 +49,17 @@ class Tracking:
     unfinished: Path | None
 
     def measured(
-        self, processes: int | None, files: tuple[Path, ...], settings: dict[str, Any]
+        self, wanted: int | None, files: tuple[Path, ...], settings: dict[str, Any]
     ) -> tuple[ClipMeasured, Places | None, KnownQuantities]:
         """The object in each frame and in space, and all that is known then."""
-        frames, known, count = self.frames, self.known, processes
-        if count is None:
-            parallel = len(frames) >= _MIN_FRAMES_TO_PARALLELIZE
-            count = (os.cpu_count() or 1) if parallel else 1
+        frames, known = self.frames, self.known
+        count = processes(wanted, len(frames), _MIN_FRAMES_TO_PARALLELIZE)
         return_freed_memory()
         # Processes start while the plate is made.
         with (
             self._recorded(files, settings) as (old, record),
             about(self.source),
-            bm.motion.Workers(max(min(count, len(frames)), 1)) as workers,
+            bm.motion.Workers(count) as workers,
             waiting("reading the clip"),
         ):
             frames = frames.for_plate(self.clip.plate)

@@ -6,7 +6,6 @@ All of the library is imported here, and this module only when the command runs.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -18,6 +17,7 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.console import ExitCode, complain, say, say_json, with_progress
 from blurmatte.cli.paths import check_outputs
+from blurmatte.cli.quantities import processes
 from blurmatte.clips.manifest import NAME, FinishedPicture, Manifest, key_of, opened_manifest
 from blurmatte.clips.table import PictureRecord
 from blurmatte.results import RESULT_FILES
@@ -95,8 +95,9 @@ def solve_row(
     with row.opened() as manifest:
         done = row.done(manifest)
         rest = [pair for pair in row.pairs if pair[0] not in done]
-        with bm.motion.Workers(_processes(workers, len(rest))) as processes:
-            solved = processes.in_order(work, rest)
+        count = processes(workers, len(rest), _MIN_IMAGES_TO_PARALLELIZE)
+        with bm.motion.Workers(count) as pool:
+            solved = pool.in_order(work, rest)
             for path, folder in with_progress(row.pairs, "solving"):
                 one = PrintedAnswer([], done[path]) if path in done else next(solved)
                 records.append(one.record)
@@ -150,13 +151,6 @@ def _key(path: Path) -> str:
 def _text(name: object) -> str:
     """A file name or message as text, whatever bytes it holds."""
     return str(name).encode("utf-8", "backslashreplace").decode()
-
-
-def _processes(wanted: int | None, count: int) -> int:
-    """Number of processes for a row of images; a few are done before processes have started."""
-    if wanted is not None:
-        return max(min(wanted, count), 1)
-    return 1 if count < _MIN_IMAGES_TO_PARALLELIZE else min(os.cpu_count() or 1, count)
 
 
 def _is_lower(path: Path, found: str, required: bm.Grade | None) -> bool:

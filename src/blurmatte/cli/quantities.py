@@ -7,6 +7,7 @@ them.
 from __future__ import annotations
 
 import math
+import os
 import re
 from bisect import bisect_left
 from collections.abc import Sequence
@@ -63,6 +64,13 @@ def check_count(name: str, count: int | None) -> None:
     """Raise ValueError for a number of things below 1."""
     if count is not None and count < 1:
         raise ValueError(f"{name} must be at least 1, got {count}")
+
+
+def processes(wanted: int | None, count: int, least: int) -> int:
+    """How many processes do so many things: one for each core, but one in all for fewer than `least`."""
+    if wanted is None:
+        wanted = (os.cpu_count() or 1) if count >= least else 1
+    return max(min(wanted, count), 1)
 
 
 def check_rate(rate: float | None) -> None:
