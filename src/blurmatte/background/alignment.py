@@ -135,8 +135,7 @@ class Alignment:
         slopes[..., :k] = own[..., :k]
         for c in range(3):
             slopes[:, c, k + c * m : k + (c + 1) * m] = own[:, c, k:]
-        scale = max(quartile_scale(residuals), _MIN_SCALE)
-        weight = _weights(residuals, scale) / scale**2
+        weight, scale = _weights(residuals)
         weight *= np.abs(np.nan_to_num(residuals)) < _MAX_RESIDUAL_STD * scale
         scores = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
         width, height = level.size
@@ -284,8 +283,7 @@ def _equations(
     residuals: Array, slopes: Array, rows: int, inliers: Bools | np.bool_
 ) -> tuple[Array, Array]:
     """Normal matrix and gradient of the weighted sum of squares; so many rows of light are free."""
-    scale = max(quartile_scale(residuals), _MIN_SCALE)
-    weights = inliers * _weights(residuals, scale) / scale**2
+    weights = inliers * _weights(residuals)[0]
     known, k = np.nan_to_num(residuals), slopes.shape[2] - rows
     normal, gradient = np.zeros((k + 3 * rows, k + 3 * rows)), np.zeros(k + 3 * rows)
     for c in range(3):
@@ -296,11 +294,11 @@ def _equations(
     return normal, gradient
 
 
-def _weights(residuals: Array, scale: float) -> Array:
-    """(n, 3) weights of the t distribution; 0 outside the plate."""
-    inside = np.isfinite(residuals)
+def _weights(residuals: Array) -> tuple[Array, float]:
+    """(n, 3) weights of the t distribution over its scale², 0 outside the plate; and that scale."""
+    scale, inside = max(quartile_scale(residuals), _MIN_SCALE), np.isfinite(residuals)
     r = np.where(inside, residuals, 0) / scale
-    return inside * student_weight(r**2, _DEGREES_OF_FREEDOM, 1)
+    return inside * student_weight(r**2, _DEGREES_OF_FREEDOM, 1) / scale**2, scale
 
 
 def residuals_and_slopes(
@@ -349,8 +347,7 @@ def log_likelihood_gains(small: Alignment, large: Alignment) -> Array:
 def gain_score(fit: Alignment) -> tuple[Array, Array]:
     """(n, 3) derivative of the log likelihood by the gain of each point, and its information."""
     residuals, slopes = residuals_and_slopes(fit.level, fit.h, fit.light, [], [0])
-    scale = max(quartile_scale(residuals), _MIN_SCALE)
-    weight = _weights(residuals, scale) / scale**2
+    weight, _ = _weights(residuals)
     B = slopes[..., 0]
     return -weight * B * np.nan_to_num(residuals), weight * B**2
 
