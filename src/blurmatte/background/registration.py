@@ -297,14 +297,18 @@ class _CanvasFit:
     """A frame fitted to what the canvas shows there."""
 
     alignment: Alignment
-    overlap: float
     residual: float
     image_std: float
 
 
-def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasFit:
+def _levels(image: LinearImage, seen: LinearImage) -> Iterator[ComparedPair]:
+    """The pyramid of a frame and what is known of the scene there."""
     filled = np.where(seen.valid[..., None], seen.rgb, image.rgb).astype(np.float32)
-    pyramid = list(levels(image, LinearImage(filled, valid=seen.valid)))
+    return levels(image, LinearImage(filled, valid=seen.valid))
+
+
+def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasFit:
+    pyramid = list(_levels(image, seen))
     fine, start = pyramid[0], pyramid[0].identity
     for level in reversed(pyramid[1:] if coarse else []):
         start = fit_level(level, start, _SHIFT)
@@ -315,13 +319,11 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasF
     rest = np.abs(fit.residuals * fine.sigma)[inside]
     residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
     C = fine.C[fine.xy[:, 1], fine.xy[:, 0]]
-    return _CanvasFit(fit, float(seen.valid.mean()), residual, float(C.std(axis=0).mean()))
+    return _CanvasFit(fit, residual, float(C.std(axis=0).mean()))
 
 
 def _refusal(fit: _CanvasFit, size: tuple[int, int]) -> str:
     """Why a fit does not register a frame; "" if it does."""
-    if fit.overlap < _MIN_OVERLAP:
-        return f"it shows only {fit.overlap:.0%} of what the frames before show"
     if fit.residual > MAX_RELATIVE_RESIDUAL * fit.image_std:
         rest = fit.residual / max(fit.image_std, 1e-9)
         return f"it does not look like the frames before: {rest:.0%} of its contrast are not theirs"
@@ -583,8 +585,7 @@ def _lens(frames: Sequence[LinearImage], path: CameraPath, cell: int) -> tuple[f
 
 def _lens_equation(frame: LinearImage, seen: LinearImage, view: Warp) -> tuple[float, float]:
     """Score and information of the lens term in a frame, of which its homography takes a part."""
-    filled = np.where(seen.valid[..., None], seen.rgb, frame.rgb).astype(np.float32)
-    level = next(levels(frame, LinearImage(filled, valid=seen.valid)))
+    level = next(_levels(frame, seen))
     fit = fit_level(level, level.identity, _HOMOGRAPHY)
     xy, step = level.xy.astype(float), _LENS_STEP
     more, less = (replace(view, lens=view.lens + d).points(xy) for d in (step, -step))
