@@ -92,7 +92,18 @@ def edit(
     layer = layer_in(layer)
     if is_row(Path(layer)) or (own.image is not None and is_row(own.image)):
         _check_one_layer(layer, looks)
-        _edit_row(layer, wanted, own, row, reading, out)
+        if own.image is None:
+            edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
+            return
+        check_photographed(own.plate, _NOT_OF_A_ROW)
+        scene = None if own.plate is None else reading.read(own.plate)
+
+        def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
+            """The picture with the changed layer."""
+            behind = _matched(own, scene, picture)
+            return bm.retouch(picture, one, _changed_if_any(one, wanted), behind)
+
+        retouch_row(reading, layer, own.image, out, retouched, row)
         return
     if own.image is None and looks.preview is not None:
         raise ValueError("--preview needs a background: --image, or compose --over")
@@ -108,29 +119,6 @@ def edit(
             done, touched = _edit_picture(Path(layer), wanted, own.image, own, reading)
             _write_in_place(out, own.image, done, touched, reading)
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
-
-
-def _edit_row(
-    layer: str,
-    wanted: Sequence[Change],
-    own: EditedPictures,
-    row: RowOptions,
-    reading: Reading,
-    out: Path,
-) -> None:
-    """Write the changed layers of a row, or their pictures."""
-    if own.image is None:
-        edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
-        return
-    check_photographed(own.plate, _NOT_OF_A_ROW)
-    plate = None if own.plate is None else reading.read(own.plate)
-
-    def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
-        """The picture with the changed layer."""
-        behind = _matched(own, plate, picture)
-        return bm.retouch(picture, one, _changed_if_any(one, wanted), behind)
-
-    retouch_row(reading, layer, own.image, out, retouched, row)
 
 
 def _edit_picture(

@@ -67,7 +67,7 @@ def check_count(name: str, count: int | None) -> None:
 
 
 def processes(wanted: int | None, count: int, least: int) -> int:
-    """How many processes do so many things: one for each core, but one in all for fewer than `least`."""
+    """How many processes do so many things: one for each core, but one in all for less than `least`."""
     if wanted is None:
         wanted = (os.cpu_count() or 1) if count >= least else 1
     return max(min(wanted, count), 1)
