@@ -312,17 +312,18 @@ class Layer(Displayed):
                 f"{size[0]}x{size[1]} pixels"
             )
         seen = part.crop((x0 - first[0], y0 - first[1], x1 - first[0], y1 - first[1]))
-        return seen._within(size, (x0, y0))
+        return seen.embedded(size, (x0, y0))
 
     def _changed(self, change: Callable[["Layer"], "Layer"]) -> "Layer":
         """Apply a change that keeps 0 at 0, within the box of the object."""
         if self.empty:
             return self
-        return change(self.crop(self.box))._within(self.size, self.box[:2])
+        return change(self.crop(self.box)).embedded(self.size, self.box[:2])
 
-    def _within(self, size: tuple[int, int], corner: tuple[int, int]) -> "Layer":
-        """Embed in a larger, empty layer; `corner` is the position of the first pixel."""
-        place = tuple(slice(at, at + n) for at, n in zip(corner, self.size, strict=True))[::-1]
+    def embedded(self, size: tuple[int, int], corner: Sequence[int]) -> "Layer":
+        """In a larger, empty layer of a size (width, height); the first pixel is at `corner` (x, y)."""
+        (x, y), (width, height) = corner, self.size
+        place = np.s_[y : y + height, x : x + width]
         alpha = np.zeros(size[::-1], self.alpha.dtype)  # untouched rows take no memory
         light = np.zeros((*size[::-1], 3), self.premultiplied.dtype)
         alpha[place], light[place] = self.alpha, self.premultiplied

@@ -190,13 +190,8 @@ class Solution(Displayed):
             light = np.where((part.streak & lit)[..., None], seen, 0)
         else:
             light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
-        whole = (  # pages that are never written take neither memory nor time
-            np.zeros(self.alpha.shape, self.alpha.dtype),
-            np.zeros(self.premultiplied.shape, self.premultiplied.dtype),
-        )
-        for target, values in zip(whole, (alpha, light), strict=True):
-            target[place] = values
-        return Layer(*whole)
+        rows, columns = place
+        return Layer(alpha, light).embedded(self.size, (columns.start, rows.start))
 
     def within(self, place: tuple[slice, slice]) -> "Solution":
         """The same with the maps of some rows and columns; statistics and sweep are not changed."""
