@@ -90,7 +90,7 @@ def _flags(solution: bm.Solution, name: str) -> LayerData:
     """The quality flags as labels: each sum of bits with the names of its flags."""
     values = np.unique(solution.quality).tolist()
     texts = [
-        ", ".join(str(flag.name).lower() for flag in bm.matting.Quality if value & flag) or "none"
+        ", ".join(str(flag.name).lower() for flag in bm.matting.Quality(value)) or "none"
         for value in values
     ]
     features = {"index": values, "flags": texts}

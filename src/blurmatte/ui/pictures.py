@@ -183,14 +183,11 @@ class ShownPictures:
         if solution is None and layer is not None:
             numbers["alpha"] = float(layer.alpha[y, x])
         if solution is not None:
+            flags = bm.matting.Quality(int(solution.quality[y, x]))
             numbers |= {
                 "alpha": float(solution.alpha[y, x]),
                 "alpha_std": float(solution.alpha_std[y, x]),
-                "flags": [
-                    str(flag.name).lower()
-                    for flag in bm.matting.Quality
-                    if int(solution.quality[y, x]) & flag.value
-                ],
+                "flags": [str(flag.name).lower() for flag in flags],
             }
         return numbers
 
