@@ -15,6 +15,7 @@ from blurmatte.errors import BlurmatteError
 from blurmatte.figures.drawing import (
     Color,
     Palette,
+    color_of_hex,
     draw_line,
     ellipse_enlargement,
     figure_pixels,
@@ -266,10 +267,7 @@ def _name(number: int) -> str:
 
 
 def _color(number: int) -> Color:
-    from PIL import ImageColor
-
-    red, green, blue = ImageColor.getrgb(_name(number))[:3]
-    return red, green, blue
+    return color_of_hex(_name(number))
 
 
 def _draw_path(

@@ -33,6 +33,17 @@ def srgb_codes(light: AnyArray) -> Codes8:
     return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
 
 
+def color_of_hex(color: str) -> Color:
+    """Codes of #rrggbb."""
+    red, green, blue = bytes.fromhex(color[1:])
+    return red, green, blue
+
+
+def swatch(color: str, shape: tuple[int, int]) -> Codes8:
+    """(H, W, 3) codes of one color, #rrggbb."""
+    return np.broadcast_to(np.array(color_of_hex(color), np.uint8), (*shape, 3))
+
+
 def heat_codes(values: Floats) -> Codes8:
     """(H, W, 3) colors of the heat scale for values 0…1 (H, W)."""
     stops = np.arange(len(Palette.heat))

@@ -18,6 +18,7 @@ from blurmatte.checks import (
     Floats,
     check_same_size,
     enclosing,
+    grown,
     rows_columns,
 )
 from blurmatte.color.model import ColorModel
@@ -40,6 +41,7 @@ from blurmatte.figures.drawing import (
     light_of_codes,
     round_up,
     srgb_codes,
+    swatch,
 )
 from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
 from blurmatte.matting.maps import Grade, Quality
@@ -176,9 +178,8 @@ def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative, gr
     Of gray pictures without the color.
     """
     if not gray:
-        codes = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
         height = 48
-        sheet.paste(np.broadcast_to(codes, (height, width, 3)), x, y)
+        sheet.paste(swatch(one.hex, (height, width)), x, y)
         y += height + 6
     weight = f"weight {one.weight:.2f}" if one.weight >= 0.01 else "weight < 0.01"
     name = () if gray else (one.hex,)
@@ -224,43 +225,39 @@ def _guess_panels(guess: PlateGuess, place: tuple[slice, slice]) -> list[Panel]:
 
 def _surroundings(solution: Solution, layout: Layout) -> tuple[slice, slice]:
     """Slices of the streak's box and its surroundings, as large as the layout permits."""
-    sides, around = _spans(solution), []
-    longest = max(last - first for first, last in sides)
-    for (first, last), room, whole in zip(
-        sides, layout.room[::-1], solution.size[::-1], strict=True
-    ):
-        most = max(8, longest // 3, (last - first) // 2)
-        rim = max(0, min(most, (room - (last - first)) // 2))
-        count = min(last - first + 2 * rim, whole)
-        start = min(max(first - rim, 0), whole - count)  # shifted inwards at the border
+    lengths, around = _lengths(solution), []
+    sides = zip(solution.streak_place, lengths, layout.room[::-1], solution.size[::-1], strict=True)
+    for side, length, room, whole in sides:
+        most = max(8, max(lengths) // 3, length // 2)
+        rim = max(0, min(most, (room - length) // 2))
+        count = min(length + 2 * rim, whole)
+        start = min(max(side.start - rim, 0), whole - count)  # shifted inwards at the border
         around.append(slice(start, start + count))
     return around[0], around[1]
 
 
 def _layout(solution: Solution, count: int) -> Layout:
     """The layout of so many panels with a margin of an eighth, or of 4 pixels if that enlarges more."""
-    (top, bottom), (left, right) = _spans(solution)
+    down, across = _lengths(solution)
     width, height = solution.size
     layouts = []
-    for rim in (max(4, max(right - left, bottom - top) // 8), 4):
-        size = min(right - left + 2 * rim, width), min(bottom - top + 2 * rim, height)
+    for rim in (max(4, max(across, down) // 8), 4):
+        size = min(across + 2 * rim, width), min(down + 2 * rim, height)
         layouts.append(Layout.best(size, count))
     return max(layouts, key=lambda layout: layout.scale)
 
 
-def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First row and one past the last of the streak, and the same for columns."""
-    rows, columns = solution.streak_place
-    return (rows.start, rows.stop), (columns.start, columns.stop)
+def _lengths(solution: Solution) -> list[int]:
+    """Height and width of the streak."""
+    return [side.stop - side.start for side in solution.streak_place]
 
 
 def _swatch(model: ColorModel, width: int) -> list[Codes8]:
     """Rows of a swatch: shades of one paint; of several their mean, and mixtures of two below it."""
     rows, height = list[Codes8](), 56
     if model.rank > 1 and model.color:
-        mean = np.array(list(bytes.fromhex(model.color[1:])), np.uint8)
         height = 56 if model.rank == 3 else 40
-        rows.append(np.broadcast_to(mean, (height, width, 3)))
+        rows.append(swatch(model.color, (height, width)))
         height = 56 - height
     if model.rank < 3:
         mix = np.linspace(0, 1, width)[None, :, None]
@@ -317,8 +314,9 @@ def _whole(image: LinearImage, solution: Solution) -> Codes8:
     for box in solution.stats.other_boxes:
         pen.rectangle(_scaled(box, scale, size), outline=Palette.other, width=1)
     _draw_sweep(pen, solution, scale)
-    (y0, y1), (x0, x1) = _spans(solution)
-    pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=Palette.streak, width=3)
+    rows, columns = solution.streak_place
+    box = columns.start, rows.start, columns.stop, rows.stop
+    pen.rectangle(_scaled(box, scale, size), outline=Palette.streak, width=3)
     return np.asarray(picture)
 
 
@@ -363,13 +361,9 @@ def draw_parallax(picture: LinearImage, regions: Sequence[ParallaxRegion]) -> Co
 
 def _outlined(codes: Codes8, box: Box) -> Codes8:
     """A picture with a line along the inner side of a box."""
-    (rows, columns), line = rows_columns(box), 2
-    drawn = codes.copy()
-    drawn[rows, columns] = Palette.warning
-    inner = (
-        slice(rows.start + line, rows.stop - line),
-        slice(columns.start + line, columns.stop - line),
-    )
+    drawn, line = codes.copy(), 2
+    drawn[rows_columns(box)] = Palette.warning
+    inner = rows_columns(grown(box, -line, (codes.shape[1], codes.shape[0])))
     drawn[inner] = codes[inner]
     return drawn
 
