@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 import numpy as np
+import scipy
 
 from blurmatte.background.alignment import (
     GEOMETRIES,
@@ -19,21 +20,21 @@ from blurmatte.background.alignment import (
     ComparedPair,
     first_step,
     fit_level,
+    gain_score,
     levels,
     log_likelihood_gain,
+    log_likelihood_gains,
     residual_and_image_std,
 )
-from blurmatte.background.fit_bands import (
-    MAX_HARMONICS,
-    bands_of,
-    fit_bands,
-    gain_of_bands,
-    refined,
-    strongest_bands,
-    with_bands,
+from blurmatte.background.match import (
+    Bands,
+    Match,
+    coordinates_across,
+    functions_of_bands,
+    median_light,
 )
-from blurmatte.background.match import Bands, Match, median_light
 from blurmatte.background.registration import MAX_RELATIVE_RESIDUAL
+from blurmatte.background.warp import to_centered
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
@@ -83,6 +84,15 @@ _MIN_POINTS = 100
 _MAX_RESIDUAL = 0.1  # of the median light: another scene leaves more
 _NOISE_OF_BLACK = 0.002  # of white: a black plate has no other residual
 _MIN_OVERLAP = 0.5  # fraction of the image that the plate covers
+
+
+# The search for bands.
+_MIN_PERIODS = 0.75  # in the picture; fewer are a smooth field
+_MIN_PERIOD_CELLS = 16  # of the level: four of its points
+_PERIOD_STEP = 0.25  # of the numbers of periods that are compared
+_MAX_HARMONICS = 4
+_BAND_PARTS = 12  # of a picture, across the bands
+_FIRST_BAND_ROW = 7  # of the coefficients in `Fit.light`
 
 
 def match_plate(
@@ -217,7 +227,7 @@ def _matches(sharp: ComparedPair, light: ComparedPair, plate: LinearImage) -> bo
 
 
 def _may_have_bands(light: ComparedPair) -> bool:
-    gain, *_ = strongest_bands(light.identity)
+    gain, *_ = _strongest_bands(light.identity)
     return gain > _penalty_of_bands(1)
 
 
@@ -286,23 +296,23 @@ def _select_light(level: ComparedPair, select: _LightSelection) -> tuple[Alignme
     plain = select.best(level)
     if select.largest < len(LIGHTS) - 1:
         return plain, None
-    found = [strongest_bands(start) for start in (select.fit(level, 1), plain)]
+    found = [_strongest_bands(start) for start in (select.fit(level, 1), plain)]
     expected, axis, frequency = max(found)
     if expected <= _penalty_of_bands(1):
         return plain, None
     start = plain if found[1] > found[0] else select.fit(level, 1)
-    place = axis, refined(level, start, axis, frequency)
-    best = select.best(with_bands(level, *place, 1))
-    gained = gain_of_bands(level, plain, best, axis) + _penalty(plain.model) - _penalty(best.model)
+    place = axis, _refined(level, start, axis, frequency)
+    best = select.best(_with_bands(level, *place, 1))
+    gained = _gain_of_bands(level, plain, best, axis) + _penalty(plain.model) - _penalty(best.model)
     if gained <= _penalty_of_bands(1):
         return plain, None
-    for harmonics in range(2, MAX_HARMONICS + 1):
-        fit = fit_bands(level, best, *place, harmonics)
+    for harmonics in range(2, _MAX_HARMONICS + 1):
+        fit = _fit_bands(level, best, *place, harmonics)
         more = _penalty_of_bands(harmonics) - _penalty_of_bands(harmonics - 1)
         if log_likelihood_gain(best, fit) <= more:
             break
         best = fit
-    return best, bands_of(best, *place)
+    return best, _bands_of(best, *place)
 
 
 def _penalty_of_bands(harmonics: int) -> float:
@@ -313,6 +323,97 @@ def _penalty_of_bands(harmonics: int) -> float:
 def _penalty(model: tuple[int, int]) -> float:
     parameters = len(GEOMETRIES[model[0]]) + 3 * len(LIGHTS[model[1]])
     return _PARAMETER_PENALTY * parameters
+
+
+def _bands_of(fit: Alignment, axis: int, frequency: float) -> Bands:
+    """The bands of a fit on a level with bands."""
+    coefficients = fit.light[_FIRST_BAND_ROW:]
+    per_channel, many = len(fit.rows), len(coefficients)
+    covariance = fit.covariance()
+    ends = [len(covariance) - k * per_channel for k in (2, 1, 0)]
+    blocks = [covariance[end - many : end, end - many : end] for end in ends]
+    return Bands(axis, frequency, coefficients, np.stack(blocks))
+
+
+def _with_bands(level: ComparedPair, axis: int, frequency: float, harmonics: int) -> ComparedPair:
+    """A level without bands, and the functions of bands."""
+    functions = functions_of_bands(level.basis[:, 2 - axis], frequency, harmonics)
+    return replace(level, basis=np.concatenate([level.basis, functions], axis=1))
+
+
+def _strongest_bands(fit: Alignment) -> tuple[float, int, float]:
+    """The most likely bands of one harmonic: log likelihood that they gain, axis, and frequency.
+
+    The gain is that of one step from `fit`, which is without bands, in most parts of the picture.
+    """
+    level, found, parts = fit.level, (-np.inf, 0, 1.0), np.zeros(_BAND_PARTS)
+    scores = gain_score(fit)
+    for axis in (0, 1):
+        place = level.xy[:, 1 - axis]
+        S, A = (np.stack([np.bincount(place, x[:, c]) for c in range(3)]) for x in scores)
+        t = coordinates_across(level.size, axis)[: S.shape[1]]
+        part = np.arange(len(t)) * _BAND_PARTS // level.size[1 - axis]
+        for frequency in _frequencies(level, axis):
+            X = np.column_stack([np.ones(len(t)), functions_of_bands(t, frequency, 1)])
+            normal = np.einsum("ni,cn,nj->cij", X, A, X) + 1e-9 * np.eye(3)
+            step = np.linalg.solve(normal, (S @ X)[..., None])[..., 0] @ X.T
+            step -= (S.sum(axis=1) / normal[:, 0, 0])[:, None]  # beyond a mean alone
+            gains = np.sum(S * step - A * step**2 / 2, axis=0)
+            if gains.sum() > found[0]:
+                found = float(gains.sum()), axis, float(frequency)
+                parts = np.asarray(np.bincount(part, gains, _BAND_PARTS), float)
+    return _of_most(parts), *found[1:]
+
+
+def _of_most(gains: Array) -> float:
+    """Sum of the gains of parts across the bands, if each gained as much as the median one.
+
+    A streak changes some of them, bands change most.
+    """
+    return float(len(gains) * np.median(gains))
+
+
+def _frequencies(level: ComparedPair, axis: int) -> Array:
+    """ω of all numbers of periods."""
+    cells = level.size[1 - axis]
+    numbers = np.arange(_MIN_PERIODS, cells / _MIN_PERIOD_CELLS, _PERIOD_STEP)
+    return np.asarray(2 * np.pi * numbers / (cells * to_centered(level.size)[0, 0]))
+
+
+def _refined(level: ComparedPair, start: Alignment, axis: int, frequency: float) -> float:
+    """The most likely frequency of one harmonic near another; level and start are without bands."""
+    reach = _PERIOD_STEP / _MIN_PERIODS * _frequencies(level, axis)[0]
+    rough = _fit_bands(level, start, axis, frequency, 1)
+
+    def cost(omega: float) -> float:
+        """Log likelihood at the rough frequency over that at another."""
+        fit = _fit_bands(level, rough, axis, omega, 1)
+        return float(log_likelihood_gains(fit, rough).sum())
+
+    bounds = frequency - reach, frequency + reach
+    found = scipy.optimize.minimize_scalar(
+        cost, bounds=bounds, method="bounded", options={"xatol": 0.01 * reach}
+    )
+    return float(found.x)
+
+
+def _fit_bands(
+    level: ComparedPair, start: Alignment, axis: int, frequency: float, harmonics: int
+) -> Alignment:
+    """Fit of gain, bands and what else is free in the model of `start`, which may have fewer bands."""
+    banded = _with_bands(level, axis, frequency, harmonics)
+    light = banded.identity.light
+    light[: len(start.light)] = start.light
+    first = replace(banded.identity, h=start.h, light=light)
+    return fit_level(banded, first, (start.model[0], max(start.model[1], 1)))
+
+
+def _gain_of_bands(level: ComparedPair, before: Alignment, after: Alignment, axis: int) -> float:
+    """Log likelihood gained by bands in most parts of the picture."""
+    part = level.xy[:, 1 - axis] * _BAND_PARTS // level.size[1 - axis]
+    return _of_most(
+        np.bincount(part, log_likelihood_gains(before, after), _BAND_PARTS).astype(float)
+    )
 
 
 def _match_of(geometry: Alignment, light: Alignment, size: tuple[int, int]) -> Match:
