@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import shlex
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -198,15 +197,12 @@ def _model(colors: ObjectColor) -> bm.ColorModel | None:
     return bm.ColorModel.any() if colors.rank == 3 else None
 
 
-@contextmanager
-def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.motion.Workers]:
+def _workers(
+    options: ClipOptions, folder: Path, count: int
+) -> AbstractContextManager[bm.motion.Workers]:
     if options.scheduler is not None:
-        with bm.clips.cluster_workers(options.scheduler, folder) as workers:
-            yield workers
-        return
-    processes = options.workers or min(os.cpu_count() or 1, max(count // 8, 1))
-    with bm.motion.Workers(processes) as workers:
-        yield workers
+        return bm.clips.cluster_workers(options.scheduler, folder)
+    return bm.motion.Workers(options.workers or min(os.cpu_count() or 1, max(count // 8, 1)))
 
 
 def _answer(report: bm.clips.ClipReport, folder: Path, out: Path, as_json: bool) -> None:
