@@ -49,7 +49,6 @@ from blurmatte.cli.selection import (
     Region,
     Selection,
     check_photographed,
-    kind_of_color,
     matching_of,
     opacity_of,
 )
@@ -277,7 +276,7 @@ def _clip_solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:
     method = _solver(text, colors)
     if text.partition(":")[0] != "shaded":
         return method
-    if colors.kinds != {"hex"} or len(colors.color or ()) != 1 or ":" in text:
+    if ":" in text:
         raise ValueError(
             f"of a clip --solver shaded needs one hex --color, the object's own light, got {text!r}: "
             "a plate in shadow belongs to one picture, for the shadow moves with the object"
@@ -308,10 +307,9 @@ def _shaded(
     path = solver.partition(":")[2]
     if path:
         return bm.matting.Shaded(plate=reading.read(Path(path)))
-    (text,) = colors.color or ("",)
-    if kind_of_color(text) != "hex" or plate.meta.to_srgb is not None:
+    if plate.meta.to_srgb is not None:
         raise ValueError(_SHADED)
-    return _of_light(text)
+    return _of_light((colors.color or ("",))[0])
 
 
 def _of_light(text: str) -> bm.matting.Shaded:
