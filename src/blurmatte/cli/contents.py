@@ -81,10 +81,8 @@ class _Report:
 
 
 def _of_noise(noise: bm.radiometry.Noise) -> Description:
-    rows, words = (
-        noise_to_mapping(noise),
-        {"read_std": "read noise", "relative_std": "of the light"},
-    )
+    rows = noise_to_mapping(noise)
+    words = {"read_std": "read noise", "relative_std": "of the light"}
     said = (
         f"{words.get(name, name)}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}"
         for name, row in rows.items()

@@ -47,10 +47,8 @@ def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
     if clip.decoder or not numbers:
         return None
     few = (numbers[0], numbers[len(numbers) // 2], numbers[-1])
-    keys, found = (
-        sorted({clip.timing.key_before(n) for n in few}),
-        _found.setdefault(clip.timing, {}),
-    )
+    keys = sorted({clip.timing.key_before(n) for n in few})
+    found = _found.setdefault(clip.timing, {})
     for key in keys:
         if key not in found:
             found[key] = _of_group(clip, key)

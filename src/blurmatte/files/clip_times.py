@@ -250,10 +250,8 @@ def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], r
     """Number of frames between the end of the packets and that which the file states."""
     import av
 
-    end, tag = (
-        ends.get(stream.index, Fraction(0)),
-        _CLOCK.match(stream.metadata.get("DURATION", "")),
-    )
+    end = ends.get(stream.index, Fraction(0))
+    tag = _CLOCK.match(stream.metadata.get("DURATION", ""))
     if stream.duration:
         stated = stream.duration * stream.time_base
     elif tag:
