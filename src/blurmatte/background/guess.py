@@ -138,9 +138,7 @@ class PlateGuess(LinearImage):
     def around_hidden(self, box: Box) -> "PlateGuess":
         """The part in a box that contains what is hidden."""
         part, hidden = self.crop(box), self.hidden[rows_columns(box)]
-        return replace(
-            self, rgb=part.rgb, noise=part.noise, valid=part.valid, meta=part.meta, hidden=hidden
-        )
+        return replace(self, **vars(part), hidden=hidden)
 
     @property
     def error(self) -> float:

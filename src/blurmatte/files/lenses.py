@@ -79,17 +79,6 @@ _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?$")
 _FLOAT = "tag:yaml.org,2002:float"
 
 
-def intrinsics_to_mapping(intrinsics: Intrinsics) -> dict[str, Any]:
-    """The content of a file of intrinsics; `read_intrinsics` reads all of it."""
-    return {
-        **{name: getattr(intrinsics, name) for name in _PINHOLE},
-        "distortion": intrinsics.distortion,
-        "fisheye": intrinsics.fisheye,
-        "covariance": intrinsics.covariance,
-        "size": intrinsics.size,
-    }
-
-
 def read_intrinsics(path: str | Path) -> Intrinsics:
     """Read a calibrated camera from a JSON, a YAML or COLMAP's cameras.txt.
 

@@ -48,11 +48,7 @@ def model_to_json(model: ColorModel) -> str:
         "rank": model.rank,
         "color": model.color,
         "hex": model.hex,
-        "basis": model.basis,
-        "covariance": model.covariance,
-        "evidence": model.evidence,
-        "to_srgb": model.to_srgb,
-        "mean": model.mean,
+        **vars(model),
     }
     return mapping_to_json({name: value for name, value in fields.items() if value is not None})
 

@@ -16,7 +16,6 @@ from blurmatte.errors import FileError, optional_library
 from blurmatte.files.atomic import ending_of, moved_together, replacing
 from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.exr import exr_parts
-from blurmatte.files.lenses import intrinsics_to_mapping
 from blurmatte.files.models import (
     model_to_json,
     noise_to_mapping,
@@ -163,7 +162,7 @@ def _writers(thing: object) -> Mapping[str, _Writer]:
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
         case Intrinsics():
-            return _writers(intrinsics_to_mapping(thing))
+            return _writers(vars(thing))  # `read_intrinsics` reads all of it
         case NoiseModel() | NoiseFit():
             return _writers(noise_to_mapping(thing))
         case Transfer() | ResponseFit():
