@@ -42,15 +42,9 @@ _WHAT = "calibrated camera"
 # Keys that say how a lens was found, how it is turned, or how to rectify: not how it projects.
 _ABOUT = frozenset(
     (
-        *(
-            "calibration_time",
-            "nframes",
-            "nr_of_frames",
-            "board_width",
-            "board_height",
-            "squares_x",
-        ),
-        *("square_size", "marker_size", "aspectRatio", "fix_aspect_ratio", "flags", "squares_y"),
+        *("calibration_time", "nframes", "nr_of_frames", "board_width", "board_height"),
+        *("squares_x", "squares_y", "square_size", "marker_size"),
+        *("aspectRatio", "fix_aspect_ratio", "flags"),
         *("avg_reprojection_error", "per_view_reprojection_errors", "extrinsic_parameters"),
         *("image_points", "grid_points", "rms", "camera_name", "header", "frame_id"),
         *("rectification_matrix", "projection_matrix", "R", "r", "P", "p", "rostopic", "topic"),
