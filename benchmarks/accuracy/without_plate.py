@@ -10,12 +10,24 @@ Run: python -m benchmarks.accuracy.without_plate
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
 from benchmarks.accuracy.other_methods import matting, trimap_of
 from benchmarks.table import Cell, Table, publish_all
-from benchmarks.trials import CODE, PLATES, SCENE, median, over_seeds, photograph, rendering
+from benchmarks.trials import (
+    CODE,
+    ORANGE,
+    PLATES,
+    RADIUS,
+    SCENE,
+    SIZE,
+    ball_path,
+    median,
+    over_seeds,
+    photograph,
+)
 
 from blurmatte.background import guess_plate
 from blurmatte.errors import BlurmatteError
@@ -23,20 +35,26 @@ from blurmatte.layer import Layer
 from blurmatte.matting import solve
 from blurmatte.metrics import alpha_rmse
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.rendering import Camera
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, render
+from blurmatte.rendering.plates import textured_plate
 from blurmatte.rendering.processing import encode_codes
 
 SEEDS = 4
 MARGIN = 16  # pixels of the region around the streak
-RADIUS = 5  # pixels that OpenCV paints from
+REACH = 5  # pixels that OpenCV paints from
 CAMERA = Camera(code_std=CODE)
 Region = npt.NDArray[np.bool_]
+GRASS = np.array([0.35, 0.50, 0.20])
+GROUNDS = {
+    **PLATES,
+    "one hue": lambda size, seed: textured_plate(size, seed).mean(axis=-1, keepdims=True) * GRASS,
+}
 
 NOTES = f"""
 {SCENE} 8 bits, noise of one code value. The region is a box {MARGIN} pixels around the streak; what
-stands for the plate is equal to the image outside it. its plate: the plate itself. field:
-`blurmatte.background.guess_plate`. Telea and Navier-Stokes: OpenCV's `inpaint` with a radius of
-{RADIUS} pixels. biharmonic: scikit-image's `inpaint_biharmonic`. The last three have no error, and
+stands for the plate is equal to the image outside it. one hue: texture of which only the brightness
+varies, as of a lawn. its plate: the plate itself. field: `blurmatte.background.guess_plate`. Telea and Navier-Stokes: OpenCV's `inpaint` with a radius of
+{REACH} pixels. biharmonic: scikit-image's `inpaint_biharmonic`. The last three have no error, and
 are solved as a plate with the noise of the image. trimap: PyMatting's closed form, which gets no plate
 but a trimap of the truth. RMSE of alpha over the streak: median and worst of {SEEDS} pictures.
 error/claim: RMSE over the stated error of alpha, median and worst. A refused picture has neither.
@@ -74,7 +92,7 @@ def _painted_by_opencv(image: LinearImage, region: Region, method: int) -> Linea
     """Painted in the code values of 8 bits, which OpenCV takes."""
     import cv2
 
-    codes = cv2.inpaint(encode_codes(image.rgb, 8), region.astype(np.uint8), RADIUS, method)
+    codes = cv2.inpaint(encode_codes(image.rgb, 8), region.astype(np.uint8), REACH, method)
     return _painted(image, region, SRGB.decode(codes / 255))
 
 
@@ -100,6 +118,12 @@ def around(alpha: npt.NDArray[np.float64]) -> Region:
     y, x = (slice(max(n[0] - MARGIN, 0), n[-1] + 1 + MARGIN) for n in (rows, columns))
     region[y, x] = True
     return region
+
+
+@cache
+def rendering(ground: str, seed: int) -> Rendering:
+    """The ball before a ground."""
+    return render(Scene(GROUNDS[ground](SIZE, seed), ball_path(seed), Ball(RADIUS, ORANGE)))
 
 
 def trial(ground: str, method: str, seed: int) -> Errors:
@@ -136,7 +160,7 @@ def row(group: list[Errors]) -> list[Cell]:
 
 
 def tables(quick: bool = False) -> list[Table]:
-    settings = [(ground, method) for ground in PLATES for method in METHODS]
+    settings = [(ground, method) for ground in GROUNDS for method in METHODS]
     settings = settings[-len(METHODS) :] if quick else settings
     groups = over_seeds(trial, settings, quick, SEEDS)
     rows: list[tuple[Cell, ...]] = [

@@ -21,7 +21,7 @@ from blurmatte.checks import Array, Bools, Floats, box_of, check_kind, check_sam
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors, whitened
 from blurmatte.streaks.evidence import SMOOTHING, evidence, light_change, without_outliers
-from blurmatte.streaks.streak import Streak, dilated, grown_part, opened
+from blurmatte.streaks.streak import Streak, cells_to_pixels, dilated, grown_part, opened
 
 # Thresholds of T, and the shape of the masks. Lengths are in cells.
 _MAX_CELLS = 1e6  # of a picture
@@ -191,8 +191,7 @@ def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
     """(H, W) mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
     place = rows_columns(box_of(part))
     cells = grown_part(part[place], place, part.shape, _CLOSING, _RIM)
-    pixels = cells.repeat(cell, axis=0).repeat(cell, axis=1)
-    return np.asarray(pixels[: shape[0], : shape[1]])
+    return cells_to_pixels(cells, cell, shape)
 
 
 def expected_false(T: Floats, parts: Sequence[Bools]) -> list[float]:
