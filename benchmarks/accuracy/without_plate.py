@@ -53,11 +53,12 @@ GROUNDS = {
 NOTES = f"""
 {SCENE} 8 bits, noise of one code value. The region is a box {MARGIN} pixels around the streak; what
 stands for the plate is equal to the image outside it. one hue: texture of which only the brightness
-varies, as of a lawn. its plate: the plate itself. field: `blurmatte.background.guess_plate`. Telea and Navier-Stokes: OpenCV's `inpaint` with a radius of
-{REACH} pixels. biharmonic: scikit-image's `inpaint_biharmonic`. The last three have no error, and
-are solved as a plate with the noise of the image. trimap: PyMatting's closed form, which gets no plate
-but a trimap of the truth. RMSE of alpha over the streak: median and worst of {SEEDS} pictures.
-error/claim: RMSE over the stated error of alpha, median and worst. A refused picture has neither.
+varies, as of a lawn. its plate: the plate itself. field: `blurmatte.background.guess_plate`. Telea and
+Navier-Stokes: OpenCV's `inpaint` with a radius of {REACH} pixels. biharmonic: scikit-image's
+`inpaint_biharmonic`. The last three have no error, and are solved as a plate with the noise of the
+image. trimap: PyMatting's closed form, which gets no plate but a trimap of the truth. RMSE of alpha
+over the streak: median and worst of {SEEDS} pictures. error/claim: RMSE over the stated error of alpha,
+median and worst. A refused picture has neither.
 """
 
 
