@@ -162,7 +162,7 @@ def at_1_1(page: Page, width: int, height: int) -> np.ndarray:
 
 
 def test_the_status_begins_with_the_grade(solved):
-    assert solved.get_by_role("status").inner_text().startswith("confirmed: alpha within")
+    assert solved.get_by_role("status").inner_text().startswith("plausible: alpha within")
     line = solved.get_by_role("group", name="Command").inner_text()
     assert "blurmatte solve image.png --plate plate.png" in line
 
@@ -241,7 +241,7 @@ def test_a_reload_loses_nothing(solved):
     solved.get_by_role("button", name="Write the changed picture").wait_for()
     assert solved.get_by_role("slider", name="Fade").input_value() == "0.7"
     solved.get_by_role("tab", name="Solve").click()
-    assert solved.locator(".grade").inner_text().startswith("confirmed")
+    assert solved.locator(".grade").inner_text().startswith("plausible")
     solved.get_by_label("View", exact=True).last.select_option("alpha")
     assert drawn(solved).max() == 255
 

@@ -64,7 +64,7 @@ def read_color_model(path: str | Path) -> ColorModel:
     Examples
     --------
     >>> print(bm.read_color_model("color.json"))
-    ColorModel(#ffc046, rank 1, ±0.13°)
+    ColorModel(#ffc046, rank 1, ±0.11°)
     """
     hint = "give a file that blurmatte wrote, e.g. with blurmatte color"
     model: ColorModel = read_json(path, MODEL, hint, "color model")

@@ -129,17 +129,17 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
         raise ColorModelError("the fit found no light of the object along its path")
     pole = mean / length
     # Columns: linear RGB of a unit along each axis, across the mean color
-    across = axes[:, 1:] - np.outer(pole, pole @ axes[:, 1:])
+    across = axes - np.outer(pole, pole @ axes)
     size = np.linalg.norm(across, axis=0)
     rank = observation.color.rank
     if rank == 3:
-        spread = field.spread[1:] * size
+        spread = (field.spread * size)[1:]
         rank = 1 + int(np.count_nonzero(spread > _MAX_ONE_COLOR_SPREAD * length))
     if rank == 3:
         return ColorModel.any()
     weight = state.weights * state.swept.alpha**2
     behind = np.einsum("yx,yxc->c", weight, observation.light[1]) / max(float(weight.sum()), 1e-9)
-    std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind)[1:] / length
+    std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind) / length
     evidence = {"shape": float(np.degrees(np.linalg.norm(std * size)))}
     if rank == 1:
         pole = pole if pole.sum() >= 0 else -pole
@@ -147,7 +147,7 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
         return ColorModel(pole[:, None], across @ across.T, evidence)
     basis, R = np.linalg.qr(axes[:, :2])
     basis = basis * np.sign(np.diag(R))
-    normal_std = abs(float(np.cross(*basis.T) @ axes[:, 2])) * std[1]
+    normal_std = abs(float(np.cross(*basis.T) @ axes[:, 2])) * std[2]
     return ColorModel(basis, normal_std**2 * (basis @ basis.T), evidence)
 
 
