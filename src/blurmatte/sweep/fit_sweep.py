@@ -246,7 +246,7 @@ def fit_hypotheses(
     # Without hues a dark object looks like a loss of light.
     if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
         candidates = _in_likelier_light(candidates, image, before, limit)
-    found = candidates.refined()
+    found = candidates.refined(with_pattern=len(hypotheses) > 1)
     # Nobody can give the color of a black thing in a gray picture.
     may_be_texture = plate.meta.guess_error is not None
     if model is None and not (image.meta.one_channel or may_be_texture or _is_solid(found.best)):
@@ -492,8 +492,11 @@ class _Candidates:
         errors = partial(replace, opacity_std=std, even_opacity_std=even_std)
         return replace(self, candidates=list(map(errors, self.candidates)))
 
-    def refined(self) -> Hypotheses:
-        """Their sweeps, the probable ones corrected for their file, in the order of `_sorted`."""
+    def refined(self, with_pattern: bool) -> Hypotheses:
+        """Their sweeps, the probable ones corrected for their file, in the order of `_sorted`.
+
+        with_pattern: whether they are compared with a disc with a pattern.
+        """
         search, image = self.fits.search, self.fits.image
         probable = hypothesis_probabilities(self.evidence) > _MIN_REFINED_WEIGHT
         compared = [
@@ -512,7 +515,9 @@ class _Candidates:
                 replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
                 for one in sweeps
             )
-        patterned = _patterned(self.fits.disc, fitted[0], search.bounds, image)
+        patterned = None
+        if with_pattern:
+            patterned = _patterned(self.fits.disc, fitted[0], search.bounds, image)
         return Hypotheses(
             search.observation, sweeps, evidences, plate, streak, self.untried, patterned
         )
