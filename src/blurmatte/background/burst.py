@@ -101,7 +101,8 @@ def _checked(image: LinearImage, plate: LinearImage, differ: Bools) -> LinearIma
         guess = guess_plate(plate, region & unlikely)
     except PlateError:  # too little is seen around it
         return plate
-    return replace(guess, image_noise=noise)
+    # The streak lies partly before pixels that other shots show: their noise is independent.
+    return replace(guess, image_noise=noise, errors=None)
 
 
 def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:

@@ -84,7 +84,8 @@ class PlateGuess(LinearImage):
     image_noise : Noise
         Noise of the image that it was made of.
     errors : GuessError, optional
-        Covariance of the channels where it is a guess; None of gray pictures, which have one.
+        Covariance of the channels where it is a guess; None of gray pictures, which have one, and
+        of bursts.
 
     Examples
     --------

@@ -166,7 +166,8 @@ def _before_guess(
         pictures, asked = matched(plate), request
         if asked.streak is None and not find_streaks(pictures.image, pictures.plate):
             asked = replace(asked, streak=Streak(guess.hidden))
-        return _solved(pictures, asked)
+        # The light of a rough guess differs from the scene's in any case.
+        return _solved(pictures, asked, warns=plate.meta.guess_error is None)
 
     def again(known: Solution) -> QuickSolver:
         """Quick solutions that start from another, of a wide streak on cells."""
