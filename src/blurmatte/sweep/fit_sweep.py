@@ -501,9 +501,11 @@ class _Candidates:
         probable = hypothesis_probabilities(self.evidence) > _MIN_REFINED_WEIGHT
         compared = [
             _refined(candidate, known, image, search)
-            if once
+            if is_probable
             else (sweep_of(candidate, image), known)
-            for candidate, known, once in zip(self.candidates, self.evidence, probable, strict=True)
+            for candidate, known, is_probable in zip(
+                self.candidates, self.evidence, probable, strict=True
+            )
         ]
         sweeps, evidences, fitted = self._sorted(compared)
         if image.meta.transfer_assumed:
