@@ -20,7 +20,8 @@ _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",
     "light": "constant light of the object is assumed",
     "solver": "the errors of this solver are not calibrated",
-    "opacity": "whether it hides all of the light behind it is uncertain (--opacity states it)",
+    "opacity": "whether it hides all of the light behind it, and was in the picture all the time, is "
+    "uncertain (--opacity states it)",
     "gray": "without hues alpha follows from the shape alone",
     "time": "not all explanations were tried in the given time",
     "clip": "path and radius contradict the other frames, so that it was solved alone",

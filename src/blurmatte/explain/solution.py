@@ -74,7 +74,7 @@ def _area(solution: Solution, total: float) -> Iterator[str]:
     std = stats.sum_alpha_std or 0.0
     said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
     opacity = 1.0 if stats.sweep is None else stats.sweep.opacity
-    if total > 3 * std and opacity == 1:
+    if total > 3 * std and opacity == 1 and not _touches_border(solution):
         radius = math.sqrt(total / math.pi)
         error = rounded_std(std / (2 * math.pi * radius))
         said += ": the area of the silhouette in pixels, whatever the motion; "

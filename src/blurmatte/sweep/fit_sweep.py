@@ -36,7 +36,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_weights,
     with_odds,
 )
-from blurmatte.sweep.assess.opacity import Opacity, fit_opacity, is_at_rest
+from blurmatte.sweep.assess.opacity import Opacity, fit_opacity, may_be_there_in_part
 from blurmatte.sweep.fit.codec_loss import before_loss, candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
@@ -356,7 +356,7 @@ def _fit_before(
     seen_through = _seen_through(state, search.bounds)
     if _is_alone_explaining(seen_through, state):
         state = seen_through
-    elif not (is_source(state) or is_at_rest(state)):
+    elif not (is_source(state) or may_be_there_in_part(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
         opacity = _opacity_of(solid.likeliest.state)
         thin = _likelier_thin(solid, state, seen_through, opacity)

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
-from blurmatte.sweep.assess.opacity import RARE_ODDS, fit_opacity, is_at_rest
+from blurmatte.sweep.assess.opacity import RARE_ODDS, fit_opacity, has_left, is_at_rest
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
@@ -103,6 +103,19 @@ def test_a_path_shorter_than_half_the_radius_is_at_rest():
     assert is_at_rest(still)
     assert is_at_rest(still.moved(PATH + np.array([0, 0, 0.45 * RADIUS, 0]), still.shape))
     assert not is_at_rest(still.moved(PATH + np.array([0, 0, 0.55 * RADIUS, 0]), still.shape))
+
+
+@pytest.mark.parametrize("end", [SIZE[0] + 1.1 * RADIUS, SIZE[0] + 0.9 * RADIUS])
+def test_before_a_plain_wall_a_path_that_ends_at_the_border_may_go_on(end):
+    """Invariant: light of an object that left does not change with the rest of its path."""
+    left = state(1.0, 0.0, 0.006, path=np.array([60.0, 39.0, SIZE[0] + 2 * RADIUS, 39.0]))
+    assert has_left(left.moved(np.array([60.0, 39.0, end, 39.0]), left.shape))
+
+
+def test_an_end_in_the_picture_or_partly_outside_has_not_left():
+    for end in (SIZE[0] - 2 * RADIUS, SIZE[0] - 0.5 * RADIUS, SIZE[0] + 0.2 * RADIUS):
+        seen = state(1.0, 0.0, 0.006, path=np.array([40.0, 39.0, end, 39.0]))
+        assert not has_left(seen)
 
 
 @pytest.mark.parametrize("opacity", [0.3, 0.8])

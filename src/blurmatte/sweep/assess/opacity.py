@@ -23,8 +23,9 @@ times that of the brightest paint. A source of light has any k. A flame hides no
 glows, and what is lit more than the scene that the camera was exposed for, may as well be solid. Light
 that would be negative excludes values of f. Before an even plate the posterior is the prior. Of
 an object that moved, f is 1, or that of a source 0, unless the evidence against it is decisive. Of one
-at rest, or if any opacity is known to be possible (`OpacityPrior`), both kinds of surface have even
-odds, and f is the mean of the posterior. The error is its root mean square distance from that value.
+at rest, or that left the picture, or if any opacity is known to be possible (`OpacityPrior`), both
+kinds of surface have even odds, and f is the mean of the posterior. The error is its root mean square
+distance from that value.
 """
 
 from collections.abc import Callable
@@ -57,6 +58,7 @@ _COMPRESSED_STD = 0.2
 _INSIDE_STD = 0.05
 # Of the path of an object that counts as at rest, of its radius: a flash is short
 _MAX_LENGTH = 0.5
+_OUTSIDE_STEPS = 65  # between an end and twice the diameter from it
 _MIN_SCATTER = 0.5  # of a plate, of the variance of its noise
 _MIN_COVERED = 0.004  # of the exposure, of pixels that show the object
 # Prior odds of what is rare, a source of light or an object that lets light through, against what is
@@ -128,6 +130,53 @@ class _Scores:
         return np.asarray(-(freedom + 1) / 2 * np.log1p(t2 / freedom))
 
 
+def may_be_there_in_part(state: State) -> bool:
+    """Whether the path does not show for which part of the exposure the object was in the picture."""
+    return is_at_rest(state) or has_left(state)
+
+
+def has_left(state: State) -> bool:
+    """Whether an end of the path may lie outside the picture, where no rim shows it.
+
+    Before a plate of one hue, an object that moves on outside has less alpha and a color farther from
+    the plate's: the same light. Only the likelihood shows it, which then does not change with the path.
+    """
+    radius, (start, *_, end) = state.silhouette.radius(state.shape), state.curve
+    if any(_is_beyond(state, point, radius) for point in (start, end)):
+        return True
+    reachable = DECISIVE_LOG_BAYES_FACTOR * state.variance_inflation + state.cost
+    for time, point in enumerate((start, end)):
+        if not _is_beyond(state, point, -radius):
+            continue
+        path = _until_outside(state, time, radius)
+        if path is not None and state.moved(path, state.shape).cost < reachable:
+            return True
+    return False
+
+
+def _is_beyond(state: State, point: Array, distance: float) -> bool:
+    """Whether a point (2,) is farther than that outside the observed pixels."""
+    pixels = state.observation.pixels
+    first = np.array(pixels.origin) - pixels.scale / 2
+    last = first + pixels.scale * np.array(pixels.shape[::-1])
+    return bool(np.maximum(first - point, point - last).max() >= distance)
+
+
+def _until_outside(state: State, time: int, radius: float) -> Array | None:
+    """Parameters of the path that goes on at one end, 0 or 1, until the object is outside.
+
+    None if it is not after twice its diameter.
+    """
+    curve = state.curve
+    speed = float(np.linalg.norm(np.diff(curve, axis=0)[-time])) * (len(curve) - 1)
+    for more in np.linspace(0, 4 * radius / max(speed, radius), _OUTSIDE_STEPS)[1:]:
+        t = np.linspace(more * (time - 1), 1 + more * time, len(curve))
+        longer, _ = state.family.at(state.path, t)
+        if _is_beyond(state, longer[-time], radius):
+            return state.family.starts(longer)[0]
+    return None
+
+
 def is_at_rest(state: State) -> bool:
     """Whether its path is too short to show how long it was there."""
     steps = np.linalg.norm(np.diff(state.curve, axis=0), axis=1)
@@ -152,7 +201,7 @@ def fit_opacity(state: State) -> Opacity:
     if observation.color.rank < 3 and inside.any():
         scores.append(_across(observation, chi, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
-    is_open = observation.opacity is OpacityPrior.ANY or is_at_rest(state)
+    is_open = observation.opacity is OpacityPrior.ANY or may_be_there_in_part(state)
     return _posterior(known, _lights(observation, chi, inside), is_open)
 
 
