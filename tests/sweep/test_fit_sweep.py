@@ -52,7 +52,7 @@ from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.assess.model_selection import hypothesis_probabilities
 from blurmatte.sweep.fit.multistart import Multistart
-from blurmatte.sweep.fit_sweep import evidence_again, fit_disc, fit_disc_colors, fit_hypotheses
+from blurmatte.sweep.fit_sweep import fit_disc, fit_disc_colors, fit_hypotheses
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory
@@ -255,16 +255,6 @@ def test_the_first_hypothesis_is_expected_to_be_the_nearest_to_the_truth():
     exact = found.evidence_of(true, np.zeros_like(true))
     free = found.evidence_of(np.where(true > 0, 0.5 * true, 0), np.full_like(true, 0.01))
     assert exact.cost < free.cost
-
-
-def test_a_sweep_fitted_again_keeps_its_evidence():
-    """invariant: so a change of its evidence in other light is that of the light."""
-    image, plate = photographed(BEFORE_TILES[LINE])
-    found = fit_hypotheses(image, plate, require_streaks(image, plate)[0])
-    known = found.best_evidence(found.observation)
-    again = evidence_again(found.best, found.observation)
-    assert again.parameters == known.parameters
-    assert abs(again.cost - known.cost) < 3 * known.inflation
 
 
 def test_weight_of_a_hypothesis_is_that_of_its_alpha():

@@ -75,7 +75,7 @@ from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE, as_silhouette
-from blurmatte.sweep.model.state import State, state_at
+from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import curve_covariance, with_unstated_curves
@@ -92,8 +92,6 @@ _MIN_LOSS = 0.02
 # Of a streak in that light: a smaller one justifies a search
 _MAX_REMAINING_FRACTION = 0.9
 _MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
-# Score, in that light, of the likeliest fitted again: other shapes seldom gain as much
-_MAX_SCORE_IN_LIGHT = 50.0
 _MIN_REFINED_WEIGHT = 1e-2  # probability of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
@@ -281,15 +279,13 @@ def _in_likelier_light(
         return candidates
     lighting, rest = lit
     before, in_light = found.best_evidence(observation), lighting.lit(observation)
+    is_known = found.observation.is_known_disc
 
     def in_both(evidence: Evidence) -> list[Evidence]:
         """Of those found, and of others in that light."""
         return [before, replace(evidence, cost=evidence.cost + lighting.cost)]
 
-    if found.observation.is_known_disc:
-        if hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
-            return candidates
-    elif hypothesis_scores(in_both(evidence_again(found.best, in_light)))[1] > _MAX_SCORE_IN_LIGHT:
+    if is_known and hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
         return candidates
     others = fit_before(lighting.on(found.plate), rest)
     other = others.as_fitted
@@ -297,14 +293,6 @@ def _in_likelier_light(
         return candidates
     weight = hypothesis_weights(in_both(other.best_evidence(in_light)))[1]
     return others if weight > _MIN_LIGHT_WEIGHT else candidates
-
-
-def evidence_again(sweep: Sweep, observation: Observation) -> Evidence:
-    """The evidence for a sweep fitted again to another observation, without its shadow."""
-    start = state_at(observation, sweep.family, sweep.path, sweep.silhouette, sweep.shape)
-    bounds = start.radius / 2, 2 * start.radius
-    state = minimize(with_principal_axes(start), bounds, MAX_STEPS, ROUGH_TOLERANCE)
-    return _evidence(observation, Candidate(state))
 
 
 def _lighting_of(
