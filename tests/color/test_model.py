@@ -121,6 +121,12 @@ def test_angle_std_is_in_degrees_along_the_worst_direction():
     assert repr(model) == "ColorModel(#ff0000, rank 1, ±2°)"
 
 
+def test_no_direction_is_less_certain_than_a_right_angle():
+    wide = ColorModel(np.eye(3)[:, :1], np.diag([0.0, 0.25, 4656.0]))
+    assert_allclose(wide.covariance, np.diag([0, 0.25, np.pi**2 / 4]), atol=1e-12)
+    assert_allclose(wide.angle_std, 90)
+
+
 @pytest.mark.parametrize("rank", [1, 2])
 def test_robust_fit_ignores_outliers(rank):
     rng = np.random.default_rng(3)

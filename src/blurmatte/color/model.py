@@ -20,6 +20,8 @@ from blurmatte.errors import ColorModelError
 from blurmatte.radiometry.transfer import Matrix3, hex_of_light, light_in_srgb, light_of_hex
 from blurmatte.statistics import robust_std
 
+MAX_ANGLE_VARIANCE = (np.pi / 2) ** 2  # radians², of a direction of which nothing is known
+
 
 @dataclass(frozen=True, eq=False)
 class ColorModel:
@@ -33,7 +35,8 @@ class ColorModel:
     basis : (3, rank) float
         Orthonormal columns that span the colors; rank 1, 2 or 3.
     covariance : (3, 3) float
-        Of the pole, radians²; zeros for a given model.
+        Of the pole, radians²; zeros for a given model. Larger standard deviations than a right angle,
+        the largest between two lines, are reduced to that.
     evidence : mapping of str to float
         Standard deviation of the pole, degrees, from each kind of evidence alone.
     to_srgb : 3 x 3 floats, optional
@@ -76,6 +79,9 @@ class ColorModel:
         covariance = np.asarray(self.covariance, dtype=float)
         if covariance.shape != (3, 3) or not np.all(np.isfinite(covariance)):
             raise ValueError(f"covariance must be finite, (3, 3), got {covariance.shape}")
+        if np.trace(covariance) > MAX_ANGLE_VARIANCE:
+            values, axes = np.linalg.eigh(covariance)
+            covariance = axes * np.minimum(values, MAX_ANGLE_VARIANCE) @ axes.T
         if self.to_srgb is not None and np.shape(self.to_srgb) != (3, 3):
             raise ValueError(f"to_srgb must be 3 x 3 numbers, got {self.to_srgb}")
         if self.mean is not None:

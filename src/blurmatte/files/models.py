@@ -33,7 +33,9 @@ from blurmatte.sweep.sweep import Diagnostics, Sweep
 from blurmatte.trajectory import Trajectory
 
 MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
-MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn
+MAX_COLOR_VARIANCE = (
+    10.0  # radians², the square of half a turn: older files may exceed a right angle
+)
 MAX_NOISE = 1e3  # gain and standard deviations, of white
 
 _TRANSFER_HINT = "give a file that blurmatte calibrate response wrote"
@@ -118,7 +120,7 @@ def sweep_from_json(text: str) -> Sweep:
 @document
 class _ModelFields:
     basis: Annotated[Array, numbers(-MAX_UNIT, MAX_UNIT, 3, None)]
-    covariance: Annotated[Array, covariance_matrix(MAX_ANGLE_VARIANCE, 3, 3)]
+    covariance: Annotated[Array, covariance_matrix(MAX_COLOR_VARIANCE, 3, 3)]
     evidence: dict[str, Annotated[float, numbers(0, MAX_FLOAT)] | None]
     to_srgb: Annotated[Array, numbers(-MAX_GAIN, MAX_GAIN, 3, 3)] | None = None
     mean: Annotated[Array, numbers(-MAX_LIGHT, MAX_LIGHT, 3)] | None = None
