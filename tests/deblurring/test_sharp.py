@@ -267,6 +267,13 @@ def test_a_solution_is_deblurred_without_its_pictures(ball):
         bm.deblurring.deblur_solution(replace(solution, sweep=None))
 
 
+def test_an_object_that_only_adds_light_is_refused(ball):
+    """Door: it has no alpha, so that its color is not determined."""
+    light = replace(ball.sweep, silhouette=ball.sweep.silhouette.with_opacity(0.0))
+    with pytest.raises(bm.errors.MotionError, match="only adds light"):
+        bm.deblur(ball.image, ball.plate, light)
+
+
 def test_a_rejected_sweep_is_warned_of(ball):
     diagnostics = replace(ball.sweep.diagnostics, converged=False)
     rejected = replace(ball.sweep, diagnostics=diagnostics)

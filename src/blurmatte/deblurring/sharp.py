@@ -205,6 +205,8 @@ def deblur(
     ------
     TypeError, ValueError
         If an argument is something else, numbers or sizes differ, or a spin is not of one ball.
+    MotionError
+        If the object only adds light.
 
     Warns
     -----
@@ -266,8 +268,16 @@ def _turned(
 def _checked_view(
     image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None, refine: bool
 ) -> View:
-    """The view of one picture; TypeError or ValueError for arguments that do not belong together."""
+    """The view of one picture; TypeError or ValueError for arguments that do not belong together.
+
+    MotionError if the object has no alpha.
+    """
     check_pictures_of(sweep, image, plate)
+    if sweep.silhouette.opacity == 0:
+        raise MotionError(
+            "the object only adds light (opacity 0), and has no surface that could be made sharp; use "
+            "its layer, or blurmatte measure for its path"
+        )
     pair = with_noise(image, plate)
     if spin is None and refine:
         sweep = revised(*pair, sweep)
@@ -354,7 +364,7 @@ def deblur_solution(solution: Solution) -> Sharp:
     Raises
     ------
     MotionError
-        If no sweep explains the solution.
+        If no sweep explains the solution, or its object only adds light.
 
     Examples
     --------
