@@ -79,7 +79,7 @@ def test_ball_of_another_hue_than_texture_is_solved_without_a_plate(before_grass
 def test_error_contains_that_of_the_guess(smooth):
     solution, before_mean = smooth
     inside = solution.streak & solution.known
-    assert np.array_equal(solution.alpha, before_mean.alpha)
+    assert np.array_equal(solution.alpha[inside], before_mean.alpha[inside])
     assert np.all(solution.alpha_std[inside] >= before_mean.alpha_std[inside])
     assert solution.stats.sum_alpha_std > before_mean.stats.sum_alpha_std
     assert solution.stats.alpha_error > before_mean.stats.alpha_error
@@ -90,6 +90,14 @@ def test_guess_is_never_confirmed_and_says_why(smooth):
     assert solution.grade is not Grade.CONFIRMED
     assert solution.stats.grade_reasons[0] == "plate"
     assert solution.stats.match is None
+
+
+def test_nothing_is_outside_the_region(seen, smooth):
+    """Over the guess, which is the image there, an object would be seen twice."""
+    outside = ~seen[1].hidden
+    assert not smooth[0].layer.alpha[outside].any()
+    assert not smooth[0].streak[outside].any()
+    assert smooth[1].streak[outside].any()
 
 
 def test_sheet_shows_the_guess_and_its_error(seen, smooth):

@@ -187,8 +187,22 @@ def _before_guess(
 
         return QuickSolver(on_cells, size)
 
-    solution = solve_before_guess(plate, first, again)
+    solution = _where_guessed(solve_before_guess(plate, first, again), image, plate)
     return solution.in_picture(box, size) if is_part else solution
+
+
+def _where_guessed(solution: Solution, image: LinearImage, guess: PlateGuess) -> Solution:
+    """The solution without an object where the guess is the image: over that it would be seen twice.
+
+    Its maps, which nothing else holds, are changed in place.
+    """
+    outside = ~guess.hidden & np.all(image.rgb == guess.rgb, axis=-1)
+    for values in (solution.alpha, solution.alpha_std):
+        values[outside] = 0
+    for light in (solution.premultiplied, solution.premultiplied_std):
+        light[outside] = 0
+    solution.quality[outside] |= np.uint8(Quality.OUTSIDE)
+    return replace(solution)
 
 
 def _solved(pictures: Pictures, request: _Request, warns: bool = True) -> Solution:
