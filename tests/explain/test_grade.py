@@ -126,6 +126,17 @@ def test_impossible_sum_gives_a_warning(solution):
     assert "the area" not in " ".join(explain(nothing))
 
 
+@pytest.mark.parametrize(("reasons", "remedy"), [((), "a region"), (("plate",), "--plate FILE")])
+def test_a_factor_that_may_be_zero_gives_a_warning(solution, reasons, remedy):
+    open_factor = solution(
+        sum_alpha=100.0, sum_alpha_std=150.0, alpha_scale_std=1.49, grade_reasons=reasons
+    )
+    (doubt,) = doubts(open_factor)
+    assert "100 ± 150, which may be nothing" in doubt
+    assert remedy in doubt
+    assert not doubts(solution(sum_alpha=100.0, sum_alpha_std=50.0, alpha_scale_std=0.49))
+
+
 def test_good_solution_has_no_warning(changed):
     assert doubts(changed()) == []
     assert doubts(changed(quality=(2, Quality.MISFIT))) == []

@@ -90,13 +90,18 @@ def test_layer_that_does_not_give_back_the_image_is_not_called_usable(case):
     assert usable_all_the_same(image, plate, half) == []
 
 
-def test_rough_guess_of_the_plate_does_not_excuse_that_the_image_is_not_given_back(case):
+def test_noise_does_not_excuse_that_most_of_the_change_is_not_given_back(case):
     image, plate, solution = case
-    rough = NoiseModel(read_std=0.1)
-    solution = replace(solution, stats=replace(solution.stats, plate_noise=rough))
-    solution = replace(solution, premultiplied=0.5 * solution.premultiplied)
+    rough = replace(solution.stats, plate_noise=NoiseModel(read_std=0.1))
+    assert usable_all_the_same(image, plate, replace(solution, stats=rough))
+    half = replace(solution, stats=rough, premultiplied=0.5 * solution.premultiplied)
+    assert usable_all_the_same(image, plate, half) == []
+
+
+def test_before_a_guessed_plate_no_assumed_layer_is_called_usable(case):
+    """An opaque object of any form gives back the image."""
+    image, plate, solution = case
     guess = PlateGuess(plate.rgb, hidden=solution.streak, image_noise=NOISE)
-    assert usable_all_the_same(image, plate, solution)
     assert usable_all_the_same(image, guess, solution) == []
 
 

@@ -43,8 +43,8 @@ _WITHOUT_NUMBERS = {
 }
 _ALL_SHADOW = (
     "Only light was lost: all of this may be a shadow, or an object that is black, or darker than the "
-    "plate and of its hue; the picture does not show which. Alpha holds only if something of the "
-    "given color was there."
+    "plate and of its hue; the picture does not show which. Alpha holds only if it is an object of "
+    "the color that is named."
 )
 _ALL_SHADOW_IN_GRAY = (
     "Only light was lost: all of this may be a shadow, or an object that is darker than the plate; "
@@ -295,14 +295,22 @@ def doubts(solution: Solution) -> list[str]:
 
 
 def _no_object(solution: Solution) -> list[str]:
-    total = solution.stats.sum_alpha
-    std = solution.sum_std_without_factor
-    if total is None or total > 3 * std or solution.stats.only_adds_light:
-        return []  # a common factor of alpha that is open makes no object disappear
+    """A warning that there may be no object.
+
+    A common factor of alpha that is open makes no object disappear, unless it may be 0.
+    """
+    stats = solution.stats
+    total, std = stats.sum_alpha, stats.sum_alpha_std or 0.0
+    if total is None or stats.only_adds_light:
+        return []
+    if total > max(std, 3 * solution.sum_std_without_factor):
+        return []
+    remedy = "choose the object with a region, or give its own color"
+    if "plate" in stats.grade_reasons:
+        remedy = "mark the object closely, or photograph the scene without it (--plate FILE)"
     return [
         f"Alpha adds up to {total:.0f} ± {rounded_std(std)}, which may be nothing: what moved here may "
-        "not have this "
-        "color; choose the object with a region, or give its own color."
+        f"not have this color; {remedy}."
     ]
 
 

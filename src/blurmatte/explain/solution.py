@@ -34,6 +34,7 @@ _AGAINST = {
     Quality.SHADOW: "only darker, a shadow or something black",
     Quality.OCCLUDED: "behind something still",
 }
+_MAX_UNEXPLAINED = 0.1  # part of the mean square change of the light
 _MAX_RESIDUAL_STD = 3.0  # root mean square over the streak, in standard deviations of the noise
 
 
@@ -140,7 +141,9 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
     """
     if solution.stats.grade is not Grade.ASSUMED:
         return []
-    if solution.stats.may_be_shadow or not _gives_back(image, plate, solution):
+    if solution.stats.may_be_shadow or isinstance(plate, PlateGuess):
+        return []  # before a guess, an opaque object of any form gives back the image
+    if not _gives_back(image, plate, solution):
         return []
     elsewhere = "; over another background alpha may be off by that factor"
     return [
@@ -150,18 +153,14 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
 
 
 def _gives_back(image: LinearImage, plate: LinearImage, solution: Solution) -> bool:
-    """Whether layer over plate differs from the image by little more than noise.
-
-    The error of a guessed plate does not count as noise.
-    """
+    """Whether layer over plate differs from the image by little more than noise, and little at all."""
     inside = solution.streak & image.valid & plate.valid
     if not inside.any():
         return False
     image, plate, layer = image.in_srgb(), plate.in_srgb(), solution.layer
     C, B = image.rgb[inside], plate.rgb[inside]
     given = layer.premultiplied[inside] + (1 - layer.alpha[inside])[:, None] * B
-    square = float(np.mean((given - C) ** 2, dtype=float))
-    of_plate = None if isinstance(plate, PlateGuess) else solution.stats.plate_noise
-    pairs = (solution.stats.image_noise, C), (of_plate, B)
+    square, change = (float(np.mean((one - C) ** 2, dtype=float)) for one in (given, B))
+    pairs = (solution.stats.image_noise, C), (solution.stats.plate_noise, B)
     noise = sum(float(own.variance(light).mean()) for own, light in pairs if own is not None)
-    return square <= _MAX_RESIDUAL_STD**2 * noise
+    return square <= min(_MAX_RESIDUAL_STD**2 * noise, _MAX_UNEXPLAINED * change)
