@@ -112,6 +112,21 @@ def test_object_is_removed_by_a_guess_with_grain(photo, bar, tmp_path):
     assert np.array_equal(bm.read(out).rgb[kept], bm.read(photo).rgb[kept])
 
 
+def test_only_what_the_layer_covers_is_guessed(photo, bar, tmp_path):
+    """The streak of a solution without a plate may be all of the region."""
+    layer, maps = bm.read_layer(bar), bm.matting.PixelMaps.zeros(80, 112)
+    maps.alpha[...], maps.premultiplied[...] = layer.alpha, layer.premultiplied
+    maps.quality[...] = bm.matting.Quality.OUTSIDE
+    maps.quality[24:56, 28:84] = 0
+    bm.write(tmp_path / "bar.exr", bm.Solution(*maps, model=bm.ColorModel.any(), solver=""))
+    out = tmp_path / "gone.png"
+    result = run("remove", tmp_path / "bar.exr", "--image", photo, "--plate", "none", "--out", out)
+    assert result.exit_code == 0, result.stderr
+    changed = np.any(bm.read(out).rgb != bm.read(photo).rgb, axis=-1)
+    assert changed[32:48, 36:76].all()
+    assert not changed[layer.alpha == 0].any()
+
+
 def test_object_is_faded_before_a_guess(photo, bar, tmp_path):
     """Exact: alpha 0.25 instead of 0.5."""
     out = tmp_path / "faded.png"

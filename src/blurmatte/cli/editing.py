@@ -177,7 +177,10 @@ def remove(
         (before, streak), picture, taken = _read(reading, reader, source, image, plate.plate)
         match: bm.background.Match | None = None
         if taken is None:
-            with about(source):
+            with about(
+                source
+            ):  # a streak without a plate is the region, much larger than the object
+                streak = streak & ((before.alpha > 0) | before.premultiplied.any(axis=-1))
                 scene = guess_behind(picture, streak, grow)
         else:
             with about(plate.plate):
