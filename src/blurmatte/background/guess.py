@@ -319,13 +319,12 @@ class _AroundRegion:
         """
         place, part = rows_columns(self.window), image.crop(self.window)
         light, inside = np.asarray(part.rgb, float), hidden[place] & part.valid
-        if not inside.any():
-            return hidden
         d, count = seen_means(light @ self.axes - self.lines.mean, inside, self.cell)
-        d = d - self.mean
+        d, inner = d - self.mean, count > self.cell**2 / 2
+        if not inner.any():
+            return hidden
         noise = np.asarray(part.variance, float)[inside].mean(axis=0) @ self.axes**2
         variance = self.std**2 + self.texture + noise / self.cell**2
-        inner = count > self.cell**2 / 2
         any_light = np.maximum((d[inner] ** 2).mean(axis=0), variance)
         log_odds = np.log(any_light / variance) + d**2 / any_light - d**2 / variance
         may_differ = inner & (0.5 * log_odds.sum(axis=-1) < np.log(_DECISIVE_ODDS))
