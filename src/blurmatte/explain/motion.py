@@ -76,11 +76,10 @@ def scatter_in_words(scatter: Scatter) -> list[str]:
 def _position(motion: Motion) -> Iterator[str]:
     (x, y), (dx, dy) = motion.center, motion.center_std
     what = with_article(motion.silhouette) if motion.silhouette else "an object of any shape"
-    basis = (
-        "the shape on a path that explains the streak"
-        if motion.has_shape
-        else "sum, mean and covariance of alpha, assuming a straight path and constant speed"
-    )
+    basis = "sum, mean and covariance of alpha, assuming a straight path and constant speed"
+    if motion.has_shape:
+        verb = "fits the streak best" if motion.doubts else "explains the streak"
+        basis = f"the shape on a path that {verb}"
     yield f"Measured from {basis}: {what} on {path_family(motion.path).motion_in_words}."
     yield f"Mean position of its center: x {with_error(x, dx)}, y {with_error(y, dy)} px."
     yield (

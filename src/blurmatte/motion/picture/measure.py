@@ -41,7 +41,9 @@ _INTERVALS = 128  # of the exposure
 _END = 1e-3  # exposures: step of the differences that give the velocity at both ends
 _DEPARTURE = 4  # index of the time of departure in the parameters of a path from rest
 _N = len(QUANTITIES)
-_OTHER = "The streak may be of something else, or of several objects: the fit {}."
+_OTHER = (
+    "The streak may be of something else or of several objects, or the plate differs: the fit {}."
+)
 
 
 # When alpha counts as present, and when a motion from moments gets a doubt.
