@@ -16,7 +16,7 @@ import blurmatte as bm
 from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.measure import Detector
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, survey
-from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
+from blurmatte.motion.clip.solving import FrameSolver, rows_with_priors
 from blurmatte.motion.clip.steps import shots_of
 from blurmatte.rendering import colorful_plate
 
@@ -86,11 +86,11 @@ def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     scene = scene.of_color(clip, model)
     new = Detector(scene, range(count), None, False).over(clip, alone, 0)
     rows.append(("table, all frames", cpu_seconds(lambda: seen.extend(new)), float(count)))
-    solver = FrameSolver(scene, count)
-    wanted = wanted_frames(clip, bm.motion.link_sightings(seen), solver, range(count), alone, False)
-    solver(clip[wanted[0].index : wanted[0].index + 1], wanted[0])
-    few = wanted[1 : solved + 1]
-    seconds = cpu_seconds(lambda: [solver(clip[one.index : one.index + 1], one) for one in few])
+    solver = FrameSolver(scene, {k: k for k in range(count)})
+    solver, wanted = rows_with_priors(clip, bm.motion.link_sightings(seen), solver, alone, False)
+    (first, row), *few = list(solver.parts(wanted))[: solved + 1]
+    solver(clip[first], row)
+    seconds = cpu_seconds(lambda: [solver(clip[which], row) for which, row in few])
     return [*rows, ("solving, a frame with the ball", seconds, float(len(few)))]
 
 

@@ -8,9 +8,9 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
-from blurmatte.motion.clip.clip_path import priors_of
+from blurmatte.motion.clip.clip_path import with_priors
 from blurmatte.motion.clip.scene import StaticScene
-from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
+from blurmatte.motion.clip.solving import FrameSolver, rows_with_priors
 from blurmatte.motion.clip.workers import shared
 from blurmatte.statistics import pooled_log_odds
 
@@ -103,37 +103,34 @@ def prepared(pictures):
     frames, plate = [frame.with_noise(noise) for frame in frames], plate.with_noise(dark)
     rows = bm.measure_clip(frames, plate, COLOR_MODEL)
     scene = StaticScene.of(frames, plate).of_color(frames, COLOR_MODEL)
-    solver = FrameSolver(scene, len(frames))
+    solver = FrameSolver(scene, {k: k for k in range(len(frames))})
     with shared(1) as workers:
-        return (
-            frames,
-            solver,
-            wanted_frames(frames, rows, solver, range(len(frames)), workers, False),
-        )
+        return frames, *rows_with_priors(frames, rows, solver, workers, False)
 
 
 def test_silhouette_of_a_ball_is_a_disc_in_all_frames(prepared):
-    _, _, wanted = prepared
-    assert all(one.has_shape and one.prior.is_disc for one in wanted)
+    _, solver, wanted = prepared
+    assert solver.shaped == {1}
+    assert all(one.prior.is_disc for one in wanted)
 
 
 def test_known_disc_is_solved_by_its_shape_alone(prepared, truth):
     """The frames of a disc need no alpha without a shape, and keep their accuracy."""
     frames, solver, wanted = prepared
     one = wanted[3]
-    solution = solver(frames[one.index : one.index + 1], one)
+    solution = solver(frames[one.frame : one.frame + 1], one)
     assert solution.solver == "Swept()"
     assert len(solution.stats.weights) == 1
     assert solution.sweep.diagnostics.prior_probability > 1e-3
-    error = np.where(solution.known, solution.alpha, 0) - truth[one.index].alpha
-    assert np.sqrt(np.mean(error[truth[one.index].alpha > 0] ** 2)) < 0.02
+    error = np.where(solution.known, solution.alpha, 0) - truth[one.frame].alpha
+    assert np.sqrt(np.mean(error[truth[one.frame].alpha > 0] ** 2)) < 0.02
 
 
 def test_prior_of_a_frame_is_the_path_that_the_others_predict(prepared):
     """Honest: in units of the predicted errors."""
     _, _, wanted = prepared
     for one in wanted:
-        (start, end), path = path_of(one.index), one.prior.path
+        (start, end), path = path_of(one.frame), one.prior.path
         points = np.array([start, np.add(start, end) / 2, end])
         error = (path.points - points).ravel()
         assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(path.covariance)))
@@ -142,9 +139,10 @@ def test_prior_of_a_frame_is_the_path_that_the_others_predict(prepared):
 def test_three_frames_predict_one_another(prepared):
     """Honest: in units of the predicted errors, which are larger than from all frames."""
     some = prepared[2][1:4]
-    priors, _ = priors_of([one.row for one in some])
-    for one, prior in zip(some, priors, strict=True):
-        (start, end), path = path_of(one.index), prior.path
+    predicted, _ = with_priors(some)
+    for one, alone in zip(some, predicted, strict=True):
+        prior = alone.prior
+        (start, end), path = path_of(one.frame), prior.path
         error = (path.points - np.array([start, np.add(start, end) / 2, end])).ravel()
         assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(path.covariance)))
         assert np.trace(path.covariance) > np.trace(one.prior.path.covariance)
@@ -156,11 +154,11 @@ def test_frame_that_contradicts_the_others_is_solved_alone(prepared, truth):
     one = wanted[3]
     path = replace(one.prior.path, points=one.prior.path.points + np.array([0.0, 3.0]))
     wrong = replace(one, prior=replace(one.prior, path=path))
-    solution = solver(frames[one.index : one.index + 1], wrong)
+    solution = solver(frames[one.frame : one.frame + 1], wrong)
     assert "clip" in solution.stats.grade_reasons
     assert solution.sweep.diagnostics.prior_probability > 0.1  # of a disc's silhouette alone
-    error = np.where(solution.known, solution.alpha, 0) - truth[one.index].alpha
-    assert np.sqrt(np.mean(error[truth[one.index].alpha > 0] ** 2)) < 0.02
+    error = np.where(solution.known, solution.alpha, 0) - truth[one.frame].alpha
+    assert np.sqrt(np.mean(error[truth[one.frame].alpha > 0] ** 2)) < 0.02
 
 
 def test_solution_of_a_part_has_its_place_in_the_picture(pictures, truth):
@@ -181,8 +179,9 @@ def test_solution_of_a_part_has_its_place_in_the_picture(pictures, truth):
 def test_silhouettes_are_compared_as_in_a_whole_solution(prepared):
     """Exact: the log odds of the solution of the same frame without a known shape."""
     frames, solver, wanted = prepared
-    one = replace(wanted[3], has_shape=False, prior=replace(wanted[3].prior, is_disc=False))
-    frame = frames[one.index : one.index + 1]
+    solver = replace(solver, shaped=frozenset())
+    one = replace(wanted[3], prior=replace(wanted[3].prior, is_disc=False))
+    frame = frames[one.frame : one.frame + 1]
     assert solver.silhouette_odds(frame, one) == solver(frame, one).stats.shape_log_odds
     far = replace(one.prior.path, points=one.prior.path.points + np.array([0.0, 3.0]))
     contradicting = replace(one, prior=replace(one.prior, path=far))

@@ -31,7 +31,7 @@ from blurmatte.matting.case import Solver
 from blurmatte.matting.maps import Grade
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.cadence import Cadence
-from blurmatte.motion.clip.solving import FrameSolver, FrameToSolve, check_clip_solver
+from blurmatte.motion.clip.solving import FrameSolver, check_clip_solver
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, shots_of, solved
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.motion.columns import html_table
@@ -214,10 +214,10 @@ class _LayerWriter:
     shot: int
     complete: bool
 
-    def __call__(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> FrameRecord:
+    def __call__(self, frames: Sequence[LinearImage], row: FrameMotion) -> FrameRecord:
         """Solve a frame, given alone, write its layer, and return its record."""
-        row, (frame, number) = wanted.row, wanted.row.place
-        solution = self.solver(frames, wanted)
+        frame, number = row.place
+        solution = self.solver(frames, row)
         if isinstance(solution, str):
             return FrameRecord(frame, row.time, number, self.shot, reason=solution)
         name = self.files.name(frame, number)
@@ -384,9 +384,9 @@ def _shot(
         work.parallax += found.camera.parallax
     how = run.layers_in(folder.absolute()), number, run.complete
     outcomes = solved(found, workers, run.solver, lambda solver: _LayerWriter(solver, *how))
-    for wanted, outcome in outcomes:
+    for row, outcome in outcomes:
         if isinstance(outcome, Failure):
-            work.problems.append(f"frame {wanted.row.frame}: {outcome.error}")
+            work.problems.append(f"frame {row.frame}: {outcome.error}")
             continue
         work.manifest.append(Finished(number, layer=outcome))
         done[outcome.frame, outcome.object] = outcome

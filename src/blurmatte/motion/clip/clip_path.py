@@ -265,24 +265,22 @@ class ClipRadius(RobustCurve):
         return (float(radius), std) if radius > 0 and np.isfinite(std) else None
 
 
-def priors_of(
+def with_priors(
     rows: Sequence[FrameMotion], delay_std: float = 0.0
-) -> tuple[list[MotionPrior | None], Bools]:
-    """For each row of one object, what the other rows predict; and whether the row predicts others.
+) -> tuple[list[FrameMotion], Bools]:
+    """The rows of one object, each with what the others predict; and whether it predicts others.
 
-    The prior of a row has the radius and the path; None if too few rows predict them.
+    A prior has the radius and the path; None if too few rows predict them.
 
     delay_std: error of the times of the rows, intervals between frames.
     """
-    path, size = ClipPath.of(rows), ClipRadius.of(rows)
-    radii = [size.predicted(k) for k in range(len(rows))]
-    priors = [
-        None
-        if radius is None
-        else MotionPrior(*radius, path.prior(k, delay_std), scatter=path.birge_ratio)
-        for k, radius in enumerate(radii)
-    ]
-    return priors, path.used
+    path, size, found = ClipPath.of(rows), ClipRadius.of(rows), list[FrameMotion]()
+    for k, row in enumerate(rows):
+        prior, radius = None, size.predicted(k)
+        if radius is not None:
+            prior = MotionPrior(*radius, path.prior(k, delay_std), scatter=path.birge_ratio)
+        found.append(replace(row, prior=prior))
+    return found, path.used
 
 
 def mistake_probability(seen: Sequence[Sighting]) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
 from blurmatte.motion.columns import Column, TableRow
 from blurmatte.motion.picture.motion import Motion
+from blurmatte.sweep.model.priors import MotionPrior
 
 NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
 NO_COLOR = (  # of one that does not
@@ -183,6 +184,8 @@ class FrameMotion(TableRow):
         Why there is no detection; "" if there is one.
     object : int or None
         Number of the object, from 1.
+    prior : MotionPrior, optional
+        What the other frames say of its motion, where it is solved; no column of the table.
 
     Examples
     --------
@@ -199,6 +202,7 @@ class FrameMotion(TableRow):
     others: int = 0
     reason: str = ""
     object: int | None = None
+    prior: MotionPrior | None = field(default=None, repr=False)
 
     @property
     def place(self) -> tuple[int, int]:
@@ -216,8 +220,12 @@ class FrameMotion(TableRow):
         return self.something_moved and self.reason != NO_COLOR
 
     def mapped(self, points: Callable[[Array], Array]) -> FrameMotion:
-        """The row with its detection in another picture, as `Sighting.mapped`."""
-        return replace(self, sighting=self.sighting and self.sighting.mapped(points))
+        """The row with detection and prior in another picture, as `Sighting.mapped`."""
+        one = self.sighting
+        if one is None:
+            return self
+        prior = self.prior and self.prior.mapped(points, one.measured.center)
+        return replace(self, sighting=one.mapped(points), prior=prior)
 
     @property
     def stated(self) -> Sighting | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 
 from blurmatte.background import Matching
-from blurmatte.background.registration import CameraPath
 from blurmatte.checks import Array, Box, box_from, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
@@ -20,7 +19,7 @@ from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
-from blurmatte.motion.clip.clip_path import mistake_probability, priors_of
+from blurmatte.motion.clip.clip_path import mistake_probability, with_priors
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.matched_filter import moving_parts
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
@@ -42,65 +41,7 @@ _STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between t
 _MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 # What a work finds in some frames, each given alone
-_Each = Callable[[Callable[..., Any], "Sequence[FrameToSolve]"], Iterator[Any]]
-
-
-@dataclass(frozen=True, eq=False)
-class FrameToSolve:
-    """A frame that is solved.
-
-    Parameters
-    ----------
-    index : int
-        Of the frame in the clip.
-    row : FrameMotion
-        Where the object is.
-    prior : MotionPrior or None
-        Its radius and path from the other frames. If its silhouette is a disc, other shapes are no
-        alternatives.
-    has_shape : bool
-        Alpha without a shape is no alternative.
-    stretch_cost : float
-        Of the stretch of a disc that is fitted to the frame, in log odds.
-    """
-
-    index: int
-    row: FrameMotion
-    prior: MotionPrior | None
-    has_shape: bool = False
-    stretch_cost: float = 0.0
-
-    @property
-    def displacement(self) -> Array:
-        """(2,) of the object in the exposure, pixels, as the other frames predict it."""
-        if self.prior is None or self.prior.path is None:
-            return np.zeros(2)
-        points = self.prior.path.points
-        return np.asarray(points[2] - points[0])
-
-    def seen_by(self, camera: CameraPath) -> FrameToSolve:
-        """The same in the pixels of the frame, from those of the canvas of a camera that moves."""
-        one = self.row.sighting
-        if one is None:
-            return self
-        points = partial(camera.to_frame, self.index)
-        prior = self.prior and self.prior.mapped(points, one.measured.center)
-        return replace(self, row=self.row.mapped(points), prior=prior)
-
-    def stretched(self, shutter: RollingShutter, own: Stretch | None) -> FrameToSolve:
-        """The same with a camera, and the stretch that the frame alone measures."""
-        if self.prior is None:
-            return self
-        (a, b), cost = shutter.stretch(self.displacement, own)
-        prior = replace(self.prior, camera_stretch=(float(a), float(b)))
-        return replace(self, prior=prior, stretch_cost=cost)
-
-    def shaped(self, is_disc: bool) -> FrameToSolve:
-        """The same of an object that has a shape, perhaps a disc, if there is a prior of it."""
-        prior = self.prior
-        if prior is None:
-            return self
-        return replace(self, prior=replace(prior, is_disc=is_disc), has_shape=True)
+_Each = Callable[[Callable[..., Any], Sequence[FrameMotion]], Iterator[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,13 +49,15 @@ class FrameSolver:
     """Solves frames of a clip; holds what they share."""
 
     scene: StaticScene
-    frame_count: int  #: of the clip
+    index_of: Mapping[int, int]  #: index of each frame of the clip, by its number
     solver: Solver | None = None  #: None averages all hypotheses
+    #: Numbers of the objects of which alpha without a shape is no alternative
+    shaped: frozenset[int] = frozenset()
 
     @property
     def min_probability(self) -> float:
         """That a frame differs as much from its prior: less is a contradiction."""
-        return _MIN_PROBABILITY / self.frame_count
+        return _MIN_PROBABILITY / len(self.index_of)
 
     @property
     def fits_shapes(self) -> bool:
@@ -126,37 +69,44 @@ class FrameSolver:
             return True
         return self.solver.needs_sweep and self.solver.opacity is not OpacityPrior.ANY
 
-    def __call__(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> Solution | str:
+    def parts(self, rows: Iterable[FrameMotion]) -> Iterator[tuple[slice, FrameMotion]]:
+        """For `Workers.over`: each frame alone, and its row."""
+        for row in rows:
+            index = self.index_of[row.frame]
+            yield slice(index, index + 1), row
+
+    def __call__(self, frames: Sequence[LinearImage], row: FrameMotion) -> Solution | str:
         """The solution in the whole picture, or why there is none.
 
         Parameters
         ----------
         frames : sequence of LinearImage
             The frame alone.
-        wanted : FrameToSolve
+        row : FrameMotion
         """
         try:
-            frame, own, wanted = self._of_frame(frames, wanted)
-            crop, solution = own.solved(frame, wanted)
+            frame, own, row = self._of_frame(frames, row)
+            crop, solution = own.solved(frame, row)
         except BlurmatteError as error:
             return str(error)
         return solution.in_picture(crop.box, frame.size)
 
     def _of_frame(
-        self, frames: Sequence[LinearImage], wanted: FrameToSolve
-    ) -> tuple[CodedFrame, FrameSolver, FrameToSolve]:
-        """A frame given alone, and solver and object in its own pixels if the camera moves.
+        self, frames: Sequence[LinearImage], row: FrameMotion
+    ) -> tuple[CodedFrame, FrameSolver, FrameMotion]:
+        """A frame given alone, and solver and row in its own pixels if the camera moves.
 
         Raises PlateError if it could not be registered.
         """
         (frame,) = coded_frames(frames, slice(None))
         camera = self.scene.camera
         if camera is None:
-            return frame, self, wanted
-        own = replace(self, scene=self.scene.at(frames, frame, wanted.index))
-        return frame, own, wanted.seen_by(camera)
+            return frame, self, row
+        index = self.index_of[row.frame]
+        own = replace(self, scene=self.scene.at(frames, frame, index))
+        return frame, own, row.mapped(partial(camera.to_frame, index))
 
-    def solved(self, frame: CodedFrame, wanted: FrameToSolve) -> tuple[Crop, Solution]:
+    def solved(self, frame: CodedFrame, row: FrameMotion) -> tuple[Crop, Solution]:
         """The crop around the object, and its solution there.
 
         Raises
@@ -164,15 +114,16 @@ class FrameSolver:
         BlurmatteError
             If the object cannot be separated.
         """
-        if wanted.row.sighting is None:
-            moved = enclosing(self.scene.boxes(frame, wanted.index))
+        if row.sighting is None:
+            moved = enclosing(self.scene.boxes(frame, self.index_of[row.frame]))
             (crop,) = self.scene.crops(frame, [moved])
             of_any_color = replace(self.scene, model=ColorModel.any())
             return crop, replace(self, scene=of_any_color)._solution(crop, None, None, None)
-        crop, streak, start, prior = self._prepared(frame, wanted)
-        own = replace(self, solver=self.solver or (Swept() if wanted.has_shape else None))
+        crop, streak, start, prior = self._prepared(frame, row)
         if prior is None:
-            return crop, own._solution(crop, streak, start, None)
+            return crop, self._solution(crop, streak, start, None)
+        has_shape = (row.object or 1) in self.shaped
+        own = replace(self, solver=self.solver or (Swept() if has_shape else None))
         with suppress(BlurmatteError):
             solution = own._solution(crop, streak, start, prior)
             assert solution.sweep is not None
@@ -185,22 +136,22 @@ class FrameSolver:
         return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
     def _prepared(
-        self, frame: CodedFrame, wanted: FrameToSolve
+        self, frame: CodedFrame, row: FrameMotion
     ) -> tuple[Crop, Streak | None, Sweep | None, MotionPrior | None]:
         """The crop around the object; streak, start of the fit and prior in it."""
-        sighting, prior = wanted.row.sighting, wanted.prior
+        sighting, prior = row.sighting, row.prior
         assert sighting is not None
-        boxes = self.scene.boxes(frame, wanted.index)
+        boxes = self.scene.boxes(frame, self.index_of[row.frame])
         (crop,) = self.scene.crops(frame, [_box_of(sighting, boxes, frame.size)])
         if prior is not None:
             prior = prior.shifted(-np.array(crop.box[:2], float))
         start = _start(sighting, crop, self.scene.model, prior)
         return crop, self._streak(crop, sighting), start, prior
 
-    def stretch(self, frames: Sequence[LinearImage], wanted: FrameToSolve) -> Stretch | None:
+    def stretch(self, frames: Sequence[LinearImage], row: FrameMotion) -> Stretch | None:
         """Stretch of the disc in a frame given alone, and its covariance; None if it shows none."""
-        frame, own, wanted = self._of_frame(frames, wanted)
-        crop, streak, start, prior = own._prepared(frame, wanted)
+        frame, own, row = self._of_frame(frames, row)
+        crop, streak, start, prior = own._prepared(frame, row)
         if streak is None or prior is None:
             return None
         try:
@@ -230,19 +181,19 @@ class FrameSolver:
         return None if self.scene.model.rank == 3 else self.scene.model
 
     def silhouette_odds(
-        self, frames: Sequence[LinearImage], wanted: FrameToSolve
+        self, frames: Sequence[LinearImage], row: FrameMotion
     ) -> tuple[float, float] | None:
         """Log odds of a disc against an outline, and of a shape against none, in a frame given alone.
 
         None for a frame that contradicts the others.
         """
-        frame, own, wanted = self._of_frame(frames, wanted)
+        frame, own, row = self._of_frame(frames, row)
         try:
-            crop, streak, start, prior = own._prepared(frame, wanted)
+            crop, streak, start, prior = own._prepared(frame, row)
             if prior is None:
                 return None
             with warnings.catch_warnings(action="ignore", category=BlurmatteWarning):
-                sweep, (disc, shape) = shape_odds(
+                sweep, odds = shape_odds(
                     *(crop.image, crop.plate, self._given),
                     streak=streak,
                     start=start,
@@ -251,9 +202,7 @@ class FrameSolver:
                 )
         except BlurmatteError:
             return None
-        if sweep.diagnostics.prior_probability <= self.min_probability:
-            return None
-        return disc - wanted.stretch_cost, shape - wanted.stretch_cost
+        return odds if sweep.diagnostics.prior_probability > self.min_probability else None
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
@@ -291,20 +240,14 @@ def rows_to_solve(rows: Sequence[FrameMotion], color_found: bool) -> list[FrameM
     return [*found, *rest] if color_found and 2 * len(rest) > len(moved) else found
 
 
-def parts_to_solve(wanted: Iterable[FrameToSolve]) -> Iterator[tuple[slice, FrameToSolve]]:
-    """For `Workers.over`: each frame alone, and what is known of it."""
-    return ((slice(one.index, one.index + 1), one) for one in wanted)
-
-
-def wanted_frames(
+def rows_with_priors(
     frames: Sequence[LinearImage],
     rows: Sequence[FrameMotion],
     solver: FrameSolver,
-    numbers: Sequence[int],
     workers: Workers,
     color_found: bool,
-) -> list[FrameToSolve]:
-    """The frames to solve, with what the others say of them.
+) -> tuple[FrameSolver, list[FrameMotion]]:
+    """The rows to solve, with what the others say of them, and the solver that knows which shapes.
 
     The object has a shape in all frames if that is decisively likelier than alpha without one, and the
     shape is a disc if that is decisively likelier than other outlines, in frames all over the clip
@@ -321,72 +264,96 @@ def wanted_frames(
         The table of the clip.
     solver : FrameSolver
         With the color of the object.
-    numbers : sequence of int
-        Of all frames of the clip, as in the table.
     workers : Workers
     color_found : bool
         The color was found and not given: frames without the object may be solved alone.
     """
 
-    def each(work: Callable[..., Any], some: Sequence[FrameToSolve]) -> Iterator[Any]:
+    def each(work: Callable[..., Any], some: Sequence[FrameMotion]) -> Iterator[Any]:
         """What a work finds in some frames, each given alone."""
-        return successes(workers.over(frames, work, parts_to_solve(some)))
+        return successes(workers.over(frames, work, solver.parts(some)))
 
-    index_of = {number: index for index, number in enumerate(numbers)}
-    wanted, objects = list[FrameToSolve](), dict[int, list[FrameToSolve]]()
+    wanted, objects = list[FrameMotion](), dict[int, list[FrameMotion]]()
     for row in rows_to_solve(rows, color_found):
-        one = FrameToSolve(index_of[row.frame], row, None)
         if row.sighting is None or not solver.fits_shapes:
-            wanted.append(one)
+            wanted.append(row)
         else:
-            objects.setdefault(row.object or 1, []).append(one)
-    camera = solver.scene.camera
+            objects.setdefault(row.object or 1, []).append(row)
+    camera, shaped = solver.scene.camera, set[int]()
     delay_std = 0.0 if camera is None else camera.delay_std
-    for mine in objects.values():
-        priors, used = priors_of([one.row for one in mine], delay_std)
-        found = [replace(one, prior=prior) for one, prior in zip(mine, priors, strict=True)]
-        known = [k for k, one in enumerate(found) if used[k] and one.prior is not None]
-        found = _stretched(found, [found[k] for k in known], solver, each)
-        mistake = mistake_probability([one.row.sighting for one in mine if one.row.sighting])
-        is_disc, has_shape = _decided([found[k] for k in known], mistake, solver, each)
-        wanted += [one.shaped(is_disc) for one in found] if has_shape else found
-    return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
+    for number, mine in objects.items():
+        found, used = with_priors(mine, delay_std)
+        known = [k for k, row in enumerate(found) if used[k] and row.prior is not None]
+        found, costs = _stretched(found, known, solver, each)
+        mistake = mistake_probability([row.sighting for row in mine if row.sighting])
+        is_disc, has_shape = _decided(found, known, costs, mistake, solver, each)
+        if has_shape:
+            shaped.add(number)
+            found = [_with_prior(row, is_disc=is_disc) for row in found]
+        wanted += found
+    wanted.sort(key=lambda row: (solver.index_of[row.frame], row.object or 1))
+    return replace(solver, shaped=frozenset(shaped)), wanted
+
+
+def _with_prior(row: FrameMotion, **changed: Any) -> FrameMotion:
+    """The row with a changed prior, if it has one."""
+    return replace(row, prior=row.prior and replace(row.prior, **changed))
 
 
 def _stretched(
-    found: list[FrameToSolve], known: Sequence[FrameToSolve], solver: FrameSolver, each: _Each
-) -> list[FrameToSolve]:
-    """Frames with the stretch by the camera, if a rolling shutter is decisively likelier than none.
+    found: list[FrameMotion], known: Sequence[int], solver: FrameSolver, each: _Each
+) -> tuple[list[FrameMotion], list[float]]:
+    """Rows with the stretch by the camera, if a rolling shutter is decisively likelier than none.
 
-    It is measured in frames that agree with the path, in more of them while it is likelier, and then in
-    all.
+    It is measured in known frames, which agree with the path, in more of them while it is likelier, and
+    then in all. Of each row also the cost of its stretch, in log odds.
     """
-    pairs, shutter = [], RollingShutter()
-    seen = [one.row.sighting for one in known if one.row.sighting is not None]
-    readout = seen[0].motion.readout if seen else "down"  # of all frames of a clip
-    for some in spread_out(known, STRETCH_FRAMES, _STARTS):
+    pairs, shutter, agreeing = [], RollingShutter(), [found[k] for k in known]
+    first = found[0].sighting
+    assert first is not None
+    readout = first.motion.readout  # of all frames of a clip
+    for some in spread_out(agreeing, STRETCH_FRAMES, _STARTS):
         stretches = zip(each(solver.stretch, some), some, strict=True)
-        pairs += [(x, one.displacement) for x, one in stretches if x]
+        pairs += [(x, _displacement(row)) for x, row in stretches if x]
         shutter = RollingShutter.of(pairs, readout)
         if shutter.is_decisive or shutter.log_odds < 0:
             break
+    costs = [0.0 for _ in found]
     if not shutter.is_decisive:
-        return found
-    stretches = zip(each(solver.stretch, found), found, strict=True)
-    return [one.stretched(shutter, x) for x, one in stretches]
+        return found, costs
+    rows = list[FrameMotion]()
+    for k, (x, row) in enumerate(zip(each(solver.stretch, found), found, strict=True)):
+        (a, b), costs[k] = shutter.stretch(_displacement(row), x)
+        rows.append(_with_prior(row, camera_stretch=(float(a), float(b))))
+    return rows, costs
+
+
+def _displacement(row: FrameMotion) -> Array:
+    """(2,) of the object in the exposure, pixels, as the other frames predict it."""
+    if row.prior is None or row.prior.path is None:
+        return np.zeros(2)
+    points = row.prior.path.points
+    return np.asarray(points[2] - points[0])
 
 
 def _decided(
-    known: Sequence[FrameToSolve], mistake_probability: float, solver: FrameSolver, each: _Each
+    rows: Sequence[FrameMotion],
+    known: Sequence[int],
+    costs: Sequence[float],
+    mistake_probability: float,
+    solver: FrameSolver,
+    each: _Each,
 ) -> tuple[bool, bool]:
-    """Whether frames that may mislead are decisive for a disc, and for a shape.
+    """Whether known frames, which may mislead, are decisive for a disc, and for a shape.
 
     A sequential test [Wald 1945]: frames all over the clip, then frames between them.
     """
     odds: list[tuple[float, float]] = []
     total = np.zeros(2)
     for some in spread_out(known, SILHOUETTE_FRAMES, _STARTS):
-        odds += [one for one in each(solver.silhouette_odds, some) if one is not None]
+        found = each(solver.silhouette_odds, [rows[k] for k in some])
+        pairs = [(one, costs[k]) for one, k in zip(found, some, strict=True) if one is not None]
+        odds += [(disc - cost, shape - cost) for (disc, shape), cost in pairs]
         total = pooled_log_odds(odds, mistake_probability)
         if np.all(np.abs(total) > DECISIVE_LOG_BAYES_FACTOR):
             break

@@ -26,11 +26,9 @@ from blurmatte.motion.clip.measure import Detector, scene_of
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
 from blurmatte.motion.clip.solving import (
     FrameSolver,
-    FrameToSolve,
     check_clip_solver,
-    parts_to_solve,
     rows_to_solve,
-    wanted_frames,
+    rows_with_priors,
 )
 from blurmatte.motion.clip.workers import LOG, Failure, Workers, logged, parts_of, shared, successes
 from blurmatte.motion.columns import Rows
@@ -252,8 +250,8 @@ def solved(
     done: ClipMeasured,
     workers: Workers,
     solver: Solver | None,
-    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], FrameToSolve], Result]],
-) -> Iterator[tuple[FrameToSolve, Result | Failure]]:
+    work: Callable[[FrameSolver], Callable[[Sequence[LinearImage], FrameMotion], Result]],
+) -> Iterator[tuple[FrameMotion, Result | Failure]]:
     """What a work made of each frame with the object that is not written, in order.
 
     Parameters
@@ -269,10 +267,10 @@ def solved(
         return
     clip, found = done.clip, done.clip.model is None
     LOG.info("finding what the frames share")
-    each = FrameSolver(done.scene, len(clip.frames), solver)
-    wanted = wanted_frames(clip.frames, done.rows, each, clip.numbers, workers, found)
-    rest = [one for one in wanted if one.row.place not in (clip.written or ())]
-    outcomes = workers.over(clip.frames, work(each), parts_to_solve(rest))
+    each = FrameSolver(done.scene, clip.index_of, solver)
+    each, rows = rows_with_priors(clip.frames, done.rows, each, workers, found)
+    rest = [row for row in rows if row.place not in (clip.written or ())]
+    outcomes = workers.over(clip.frames, work(each), each.parts(rest))
     yield from zip(rest, logged(outcomes, "solving", len(rest)), strict=True)
 
 
@@ -388,11 +386,11 @@ def solve_clip(
     clip = ClipInputs(_sited(frames, plate), plate, model, several, occluder, any_color=True)
     with shared(workers) as processes:
         done = whole(measured(clip, processes))
-        for wanted, solution in solved(done, processes, solver, lambda each: each):
+        for row, solution in solved(done, processes, solver, lambda each: each):
             if isinstance(solution, Failure):
                 raise solution.error
             if isinstance(solution, Solution):
-                yield wanted.index, solution
+                yield clip.index_of[row.frame], solution
 
 
 def whole(events: Iterable[FrameSightings | ClipMeasured]) -> ClipMeasured:
