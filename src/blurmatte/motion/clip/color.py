@@ -12,7 +12,7 @@ from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.detections import NOTHING_MOVED, FrameMotion
-from blurmatte.motion.clip.scene import Crop, StaticScene, survey
+from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame, survey
 from blurmatte.motion.clip.workers import Workers, shared, spread_out, successes
 from blurmatte.radiometry import LinearImage, light_of_hex
 from blurmatte.radiometry.coded import coded_frames
@@ -201,24 +201,24 @@ class _Voter:
     def __call__(self, frames: Sequence[LinearImage], index: int) -> list[tuple[DiscColors, float]]:
         (frame,) = coded_frames(frames, slice(None))
         scene = self.scene.at(frames, frame, index)
-        found = list[tuple[Streak, Crop]]()
-        for crop in scene.crops(frame, scene.boxes(frame, index)):
+        found = list[tuple[Part, Streak]]()
+        for part in scene.parts(frame, scene.boxes(frame, index)):
             with suppress(BlurmatteError):
-                found += [(streak, crop) for streak in find_streaks(crop.image, crop.plate)]
-        found.sort(key=lambda one: -one[0].evidence)
+                found += [(part, streak) for streak in find_streaks(*part)]
+        found.sort(key=lambda one: -one[1].evidence)
         votes = (self._vote(*one, frame.size) for one in found[:_STREAKS_PER_FRAME])
         return [vote for vote in votes if vote is not None]
 
     def _vote(
-        self, streak: Streak, crop: Crop, size: tuple[int, int]
+        self, part: Part, streak: Streak, size: tuple[int, int]
     ) -> tuple[DiscColors, float] | None:
         """Colors and weight of a streak in a picture of a size; None if no sweep explains it."""
-        x, y = crop.box[:2]
+        x, y = box_in_frame(part)[:2]
         x0, y0, x1, y1 = streak.box
         if self.inside != (min(x + x0, y + y0, size[0] - x - x1, size[1] - y - y1) > 0):
             return None
         try:
-            colors = self.fit(crop.image, crop.plate, streak)
+            colors = self.fit(*part, streak)
         except (ColorModelError, MotionError):
             return None
         sweep = colors.sweep

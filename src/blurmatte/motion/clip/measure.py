@@ -10,7 +10,7 @@ are measured with each curve give that shift, which no scatter of frames shows.
 
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +31,7 @@ from blurmatte.motion.clip.detections import (
     FrameSightings,
     Sighting,
 )
-from blurmatte.motion.clip.matched_filter import moving_parts
-from blurmatte.motion.clip.scene import Crop, StaticScene
+from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_added_light, motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
@@ -175,51 +174,41 @@ class Detector:
         except PlateError as error:  # it is not registered
             return replace(empty, reason=str(error))
         own = replace(self, scene=scene)
-        return own._detected(empty, list(scene.crops(frame, scene.boxes(frame, index))))
+        return own._detected(empty, list(scene.parts(frame, scene.boxes(frame, index))))
 
-    def _detected(self, empty: FrameSightings, crops: Sequence[Crop]) -> FrameSightings:
-        parts = self._parts(crops)
-        found, reasons, rest = [], [], deque(parts)
+    def _detected(self, empty: FrameSightings, parts: Sequence[Part]) -> FrameSightings:
+        streaks = self._streaks(parts)
+        found, reasons, rest = [], [], deque(streaks)
         color = self.scene.color
         single = color is not None and not self.several
         inflation = 1.0 if color is None else color.inflation
         while rest:
-            crop, streak = rest.popleft()
+            part, streak = rest.popleft()
             try:
-                one = _measured(crop, streak, self.scene.model, inflation)
-                in_frame = replace(one.measured.shifted(*crop.box[:2]), size=self.scene.plate.size)
-                found.append(replace(one, measured=in_frame))
+                one = _measured(part, streak, self.scene.model, inflation)
+                in_frame = one.measured.shifted(*box_in_frame(part)[:2])
+                found.append(replace(one, measured=replace(in_frame, size=self.scene.plate.size)))
             except BlurmatteError as error:
                 reasons.append(str(error))
             if single and found and found[-1].measured.has_shape:
                 break
-        if not parts:
-            reasons = [NOTHING_MOVED if color is None or not crops else NO_COLOR]
+        if not streaks:
+            reasons = [NOTHING_MOVED if color is None or not parts else NO_COLOR]
         why = "; ".join(dict.fromkeys(reasons))
         return replace(empty, found=tuple(found), reason=why, unmeasured=len(rest))
 
-    def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:
-        """The strongest streaks of all crops that may be the object's, the strongest first."""
-        color = self.scene.color
-        if color is None:
-            parts = _all_parts(crops, moving_parts)
-            if not parts and self.scene.plate.meta.one_channel:
-                parts = _all_parts(crops, find_streaks)  # perhaps black; no hue shows a shadow
-            least = -np.inf
-        else:
-            parts = [(c, one) for c in crops for one in color.within(c.box).parts(c.image)]
-            strongest = max((one.evidence for _, one in parts), default=0.0)
+    def _streaks(self, parts: Sequence[Part]) -> list[tuple[Part, Streak]]:
+        """The strongest streaks of all parts that may be the object's, the strongest first."""
+        scene, least = self.scene, -np.inf
+        found = [(part, streak) for part in parts for streak in scene.streaks(part)]
+        if scene.color is not None:
+            strongest = max((streak.evidence for _, streak in found), default=0.0)
             least = _MIN_ENERGY_FRACTION * max(strongest, 0.0)
-        parts = [part for part in parts if part[1].evidence > least]
+        elif not found and scene.plate.meta.one_channel:  # perhaps black; no hue shows a shadow
+            found = [(part, streak) for part in parts for streak in find_streaks(*part)]
+        found = [one for one in found if one[1].evidence > least]
         most = _MAX_PARTS_OF_SEVERAL if self.several else _MAX_PARTS
-        return sorted(parts, key=lambda part: -part[1].evidence)[:most]
-
-
-def _all_parts(
-    crops: Sequence[Crop], parts_of: Callable[[LinearImage, LinearImage], list[Streak]]
-) -> list[tuple[Crop, Streak]]:
-    """The streaks of all crops."""
-    return [(crop, one) for crop in crops for one in parts_of(crop.image, crop.plate)]
+        return sorted(found, key=lambda one: -one[1].evidence)[:most]
 
 
 def _time_in(frames: Sequence[LinearImage], at: int) -> float | None:
@@ -229,19 +218,18 @@ def _time_in(frames: Sequence[LinearImage], at: int) -> float | None:
     return frames.times[frames.numbers[at]]
 
 
-def _measured(crop: Crop, streak: Streak, model: ColorModel, inflation: float) -> Sighting:
+def _measured(part: Part, streak: Streak, model: ColorModel, inflation: float) -> Sighting:
     """Detection from a fitted disc, or from moments, whose errors are multiplied by `inflation`."""
-    image, plate = crop.image, crop.plate
+    image, plate = part
     known = plate.valid[streak.rows_columns][streak.mask[streak.rows_columns]]
     if np.mean(known) < _MIN_PLATE_FRACTION:
         raise MotionError("most of the streak lies where the plate is not known")
     if model.rank == 1:
         shadow = shadow_around(image, plate, streak, model.pole)
         image = replace(image, valid=image.valid & ~shadow)
-        crop = replace(crop, image=image)
         streak = replace(streak, mask=streak.mask & ~shadow)
     sweep = fit_disc(image, plate, streak, model)
-    light = _motion_of_source(sweep, crop, streak, model)
+    light = _motion_of_source(sweep, (image, plate), streak, model)
     if not sweep.rejection and light is None:
         motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
         return _sighting(motion, streak, replace(model, mean=sweep.model.mean), sweep)
@@ -251,12 +239,12 @@ def _measured(crop: Crop, streak: Streak, model: ColorModel, inflation: float) -
         )
     if light is not None:
         return _sighting(light, streak, model, sweep)
-    motion, model = _motion_of_pixels(crop, streak, model)
+    motion, model = _motion_of_pixels((image, plate), streak, model)
     motion = replace(motion, covariance=inflation**2 * motion.covariance)
     return _sighting(motion, streak, model, sweep)
 
 
-def _motion_of_source(sweep: Sweep, crop: Crop, streak: Streak, model: ColorModel) -> Motion | None:
+def _motion_of_source(sweep: Sweep, part: Part, streak: Streak, model: ColorModel) -> Motion | None:
     """Motion from the moments of added light, of a source of light that a sweep does not explain.
 
     Nor does it if it is elsewhere than the light: a change of its speed looks like one of brightness.
@@ -266,7 +254,7 @@ def _motion_of_source(sweep: Sweep, crop: Crop, streak: Streak, model: ColorMode
     if model.rank > 1 or mean is None or mean.max() <= MAX_LIGHT:
         return None
     try:
-        light = motion_of_added_light(crop.image, crop.plate, streak.mask, model.basis[:, 0])
+        light = motion_of_added_light(*part, streak.mask, model.basis[:, 0])
     except MotionError:
         return None
     if sweep.rejection:
@@ -278,13 +266,13 @@ def _motion_of_source(sweep: Sweep, crop: Crop, streak: Streak, model: ColorMode
     return light if apart > chi_square_quantile(_AGREEMENT, 2) else None
 
 
-def _motion_of_pixels(crop: Crop, streak: Streak, model: ColorModel) -> tuple[Motion, ColorModel]:
+def _motion_of_pixels(part: Part, streak: Streak, model: ColorModel) -> tuple[Motion, ColorModel]:
     """Motion from the moments of alpha around a streak, in the whole picture; the colors seen.
 
     From those of the added light if alpha is not determined in most of the streak.
     """
     x0, y0, x1, y1 = box = streak.around(_MARGIN)
-    image, plate = crop.image.crop(box), crop.plate.crop(box)
+    image, plate = (picture.crop(box) for picture in part)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", BlurmatteWarning)
         solution = solve(
@@ -298,7 +286,7 @@ def _motion_of_pixels(crop: Crop, streak: Streak, model: ColorModel) -> tuple[Mo
     else:
         motion = motion_of_alpha(solution)
     doubts = motion.doubts + tuple(str(warning.message) for warning in caught)
-    motion = replace(motion.shifted(x0, y0), size=crop.image.size, doubts=doubts)
+    motion = replace(motion.shifted(x0, y0), size=part[0].size, doubts=doubts)
     return motion, solution.model
 
 

@@ -19,7 +19,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Bools, Box, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import PlateError
-from blurmatte.motion.clip.matched_filter import MatchedFilter
+from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import LinearImage, Noise, counted_once
 from blurmatte.radiometry.coded import (
@@ -31,28 +31,12 @@ from blurmatte.radiometry.coded import (
 )
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
 from blurmatte.statistics import MAD_TO_STD
-from blurmatte.streaks import Gate
+from blurmatte.streaks import Gate, Streak
 
 GAIN_EVERY = 5  # pixels in rows and columns; enough for a median
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
 GATE_SAMPLES = 16  # frames from which the differences without motion are measured
-
-
-@dataclass(frozen=True, eq=False)
-class Crop:
-    """A part of a frame in which something moved, and of the plate in its light.
-
-    Parameters
-    ----------
-    box : (x0, y0, x1, y1)
-        Its place in the picture.
-    image, plate : LinearImage
-        Noise known.
-    """
-
-    box: Box
-    image: LinearImage
-    plate: LinearImage
+Part = tuple[LinearImage, LinearImage]  # of a frame, and of the plate in its light
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,15 +126,21 @@ class StaticScene:
         known = self.surveyed.get(index)
         return self.gate.changes(frame) if known is None else known
 
-    def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
-        """Image and plate in boxes of a frame."""
+    def parts(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Part]:
+        """Image and plate in boxes of a frame, noise known; `box_in_frame` is the place of a part."""
         gain = gain_of(thinned(self.plate), frame.light(every=GAIN_EVERY)) if boxes else None
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
             image = self.with_noise(image, box)
             coding = FrameCoding(lambda: self.coding, box[:2])
             image = replace(image, meta=replace(image.meta, coding=coding))
-            yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
+            yield image, plate if gain is None else times_gain(plate, gain)
+
+    def streaks(self, part: Part) -> list[Streak]:
+        """Streaks of the object's color; of an object of several colors those that are no shadows."""
+        if self.color is None:
+            return moving_parts(*part)
+        return self.color.within(box_in_frame(part)).parts(part[0])
 
     def of_color(self, frames: Sequence[LinearImage], model: ColorModel) -> StaticScene:
         """The scene with the color of the object."""
@@ -195,6 +185,14 @@ class StaticScene:
             return noise
         of_model = noise.variance(plate) if isinstance(noise, Noise) else noise
         return np.asarray(of_model + of_coding, np.float32)
+
+
+def box_in_frame(part: Part) -> Box:
+    """Where a part of a frame lies in it."""
+    image, _ = part
+    assert image.meta.coding is not None
+    (x, y), (width, height) = image.meta.coding.origin, image.size
+    return x, y, x + width, y + height
 
 
 def _of_each_channel(frame: LinearImage) -> Noise | Floats:

@@ -21,9 +21,8 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.clip_path import mistake_probability, with_priors
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.motion.clip.matched_filter import moving_parts
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
-from blurmatte.motion.clip.scene import Crop, StaticScene
+from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame
 from blurmatte.motion.clip.workers import Workers, spread_out, successes
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded_frames
@@ -86,10 +85,10 @@ class FrameSolver:
         """
         try:
             frame, own, row = self._of_frame(frames, row)
-            crop, solution = own.solved(frame, row)
+            part, solution = own.solved(frame, row)
         except BlurmatteError as error:
             return str(error)
-        return solution.in_picture(crop.box, frame.size)
+        return solution.in_picture(box_in_frame(part), frame.size)
 
     def _of_frame(
         self, frames: Sequence[LinearImage], row: FrameMotion
@@ -106,8 +105,8 @@ class FrameSolver:
         own = replace(self, scene=self.scene.at(frames, frame, index))
         return frame, own, row.mapped(partial(camera.to_frame, index))
 
-    def solved(self, frame: CodedFrame, row: FrameMotion) -> tuple[Crop, Solution]:
-        """The crop around the object, and its solution there.
+    def solved(self, frame: CodedFrame, row: FrameMotion) -> tuple[Part, Solution]:
+        """The part around the object, and its solution there.
 
         Raises
         ------
@@ -116,63 +115,65 @@ class FrameSolver:
         """
         if row.sighting is None:
             moved = enclosing(self.scene.boxes(frame, self.index_of[row.frame]))
-            (crop,) = self.scene.crops(frame, [moved])
+            (part,) = self.scene.parts(frame, [moved])
             of_any_color = replace(self.scene, model=ColorModel.any())
-            return crop, replace(self, scene=of_any_color)._solution(crop, None, None, None)
-        crop, streak, start, prior = self._prepared(frame, row)
+            return part, replace(self, scene=of_any_color)._solution(part, None, None, None)
+        part, streak, start, prior = self._prepared(frame, row)
         if prior is None:
-            return crop, self._solution(crop, streak, start, None)
+            return part, self._solution(part, streak, start, None)
         has_shape = (row.object or 1) in self.shaped
         own = replace(self, solver=self.solver or (Swept() if has_shape else None))
         with suppress(BlurmatteError):
-            solution = own._solution(crop, streak, start, prior)
+            solution = own._solution(part, streak, start, prior)
             assert solution.sweep is not None
             if solution.sweep.diagnostics.prior_probability > self.min_probability:
-                return crop, solution
+                return part, solution
         # It may have bounced; its silhouette is that of all frames.
         silhouette = prior.of_silhouette if prior.is_disc else None
-        alone = own._solution(crop, streak, None, silhouette)
+        alone = own._solution(part, streak, None, silhouette)
         reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
-        return crop, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
+        return part, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
 
     def _prepared(
         self, frame: CodedFrame, row: FrameMotion
-    ) -> tuple[Crop, Streak | None, Sweep | None, MotionPrior | None]:
-        """The crop around the object; streak, start of the fit and prior in it."""
+    ) -> tuple[Part, Streak | None, Sweep | None, MotionPrior | None]:
+        """The part around the object; streak, start of the fit and prior in it."""
         sighting, prior = row.sighting, row.prior
         assert sighting is not None
         boxes = self.scene.boxes(frame, self.index_of[row.frame])
-        (crop,) = self.scene.crops(frame, [_box_of(sighting, boxes, frame.size)])
+        box = _box_of(sighting, boxes, frame.size)
+        (part,) = self.scene.parts(frame, [box])
         if prior is not None:
-            prior = prior.shifted(-np.array(crop.box[:2], float))
-        start = _start(sighting, crop, self.scene.model, prior)
-        return crop, self._streak(crop, sighting), start, prior
+            prior = prior.shifted(-np.array(box[:2], float))
+        start = _start(sighting, box, self.scene.model, prior)
+        return part, self._streak(part, sighting), start, prior
 
     def stretch(self, frames: Sequence[LinearImage], row: FrameMotion) -> Stretch | None:
         """Stretch of the disc in a frame given alone, and its covariance; None if it shows none."""
         frame, own, row = self._of_frame(frames, row)
-        crop, streak, start, prior = own._prepared(frame, row)
+        part, streak, start, prior = own._prepared(frame, row)
         if streak is None or prior is None:
             return None
         try:
-            pixels = crop.image, crop.plate, streak
-            stretch, V = fit_stretch(*pixels, self.scene.model, start, prior)
+            stretch, V = fit_stretch(*part, streak, self.scene.model, start, prior)
         except BlurmatteError:
             return None
         return (stretch, V) if np.all(np.linalg.eigvalsh(V) > 0) else None  # else it is not in view
 
     def _solution(
-        self, crop: Crop, streak: Streak | None, start: Sweep | None, prior: MotionPrior | None
+        self, part: Part, streak: Streak | None, start: Sweep | None, prior: MotionPrior | None
     ) -> Solution:
-        """The solution with a prior, or of the crop alone; a clip reports what all frames show."""
+        """The solution with a prior, or of the part alone; a clip reports what all frames show."""
         with warnings.catch_warnings(action="ignore", category=BlurmatteWarning):
             return solve(
-                *(crop.image, crop.plate, self._given, self.solver),
+                *part,
+                self._given,
+                self.solver,
                 streak=streak,
                 matching=Matching.NONE,
                 start=start,
                 prior=prior,
-                occluder=self.scene.hidden_in(crop.box),
+                occluder=self.scene.hidden_in(box_in_frame(part)),
             )
 
     @property
@@ -189,35 +190,33 @@ class FrameSolver:
         """
         frame, own, row = self._of_frame(frames, row)
         try:
-            crop, streak, start, prior = own._prepared(frame, row)
+            part, streak, start, prior = own._prepared(frame, row)
             if prior is None:
                 return None
             with warnings.catch_warnings(action="ignore", category=BlurmatteWarning):
                 sweep, odds = shape_odds(
-                    *(crop.image, crop.plate, self._given),
+                    *part,
+                    self._given,
                     streak=streak,
                     start=start,
                     prior=prior,
-                    occluder=own.scene.hidden_in(crop.box),
+                    occluder=own.scene.hidden_in(box_in_frame(part)),
                 )
         except BlurmatteError:
             return None
         return odds if sweep.diagnostics.prior_probability > self.min_probability else None
 
-    def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
-        """The streak in a crop that was measured there; None if it is not found again."""
-        if self.scene.color is None:
-            parts = moving_parts(crop.image, crop.plate) or find_streaks(crop.image, crop.plate)
-        else:
-            parts = self.scene.color.within(crop.box).parts(crop.image)
-        x0, y0 = crop.box[:2]
+    def _streak(self, part: Part, sighting: Sighting) -> Streak | None:
+        """The streak in a part that was measured there; None if it is not found again."""
+        streaks = self.scene.streaks(part)
+        if not streaks and self.scene.color is None:
+            streaks = find_streaks(*part)
         t = np.linspace(0, 1, 9)[:, None]
         ends = sighting.motion.trajectory.xy[[0, -1]]
-        path = np.rint((1 - t) * ends[0] + t * ends[1] - (x0, y0)).astype(int)
-        width, height = crop.image.size
-        x, y = path[np.all((path >= 0) & (path < (width, height)), axis=1)].T
-        hits = [int(np.count_nonzero(dilated(part.mask, 1)[y, x])) for part in parts]
-        return parts[int(np.argmax(hits))] if any(hits) else None
+        path = np.rint((1 - t) * ends[0] + t * ends[1] - box_in_frame(part)[:2])
+        x, y = path[np.all((path >= 0) & (path < part[0].size), axis=1)].astype(int).T
+        hits = [int(np.count_nonzero(dilated(streak.mask, 1)[y, x])) for streak in streaks]
+        return streaks[int(np.argmax(hits))] if any(hits) else None
 
 
 def check_clip_solver(solver: Solver | None) -> None:
@@ -372,19 +371,19 @@ def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> 
 
 
 def _start(
-    sighting: Sighting, crop: Crop, model: ColorModel, prior: MotionPrior | None
+    sighting: Sighting, box: Box, model: ColorModel, prior: MotionPrior | None
 ) -> Sweep | None:
-    """Where the fit starts: the path from all frames, or else the one that was measured."""
+    """Where the fit in a box starts: the path from all frames, or else the one that was measured."""
     if not sighting.motion.has_shape and prior is None:
         return None
     family: PathFamily = LINE
-    path = LINE.shifted(
-        sighting.motion.trajectory.xy[[0, -1]].ravel(), -np.array(crop.box[:2], float)
-    )
+    ends = sighting.motion.trajectory.xy[[0, -1]].ravel()
+    path = LINE.shifted(ends, -np.array(box[:2], float))
     if prior is not None and prior.path is not None:
         family, path = PARABOLA, prior.path.points.ravel()
     radius = sighting.motion.radius if prior is None else prior.radius
-    return swept_disc(family, path, radius, model, crop.image.size)
+    size = box[2] - box[0], box[3] - box[1]
+    return swept_disc(family, path, radius, model, size)
 
 
 def swept_disc(
