@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,7 +11,7 @@ from typing import Any
 import blurmatte as bm
 from blurmatte.cli.console import WITHOUT_HUE, about, answer, complain, in_degrees, waiting
 from blurmatte.cli.quantities import Direction, processes
-from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
+from blurmatte.clips.manifest import Finished, key_of, opened_manifest
 from blurmatte.explain.calibration import camera_in_words
 from blurmatte.explain.clip import clip_in_words, summary_in_words
 from blurmatte.motion.clip.balls import balls_in_space
@@ -83,10 +83,7 @@ class Tracking:
         self, files: tuple[Path, ...], settings: dict[str, Any]
     ) -> Iterator[tuple[list[FrameSightings], Callable[[FrameSightings], None]]]:
         """What an interrupted run with the same inputs and settings measured; what records more."""
-        opened: AbstractContextManager[Manifest[Finished]] = nullcontext(Manifest())
-        if self.unfinished is not None:
-            opened = opened_manifest(self.unfinished, key_of(files, settings), Finished)
-        with opened as manifest:
+        with opened_manifest(self.unfinished, key_of(files, settings), Finished) as manifest:
             seen = [one.seen for one in manifest.finished if one.seen is not None]
             try:
                 yield seen, lambda frame: manifest.append(Finished(1, seen=frame))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -67,10 +67,8 @@ class PictureRow:
 
     def opened(self) -> AbstractContextManager[Manifest[FinishedPicture]]:
         """The manifest."""
-        if not self.several:
-            return nullcontext(Manifest[FinishedPicture]())
-        key = key_of(self.files, self.settings)
-        return opened_manifest(self.out / NAME, key, FinishedPicture)
+        path = self.out / NAME if self.several else None
+        return opened_manifest(path, key_of(self.files, self.settings), FinishedPicture)
 
     def done(self, manifest: Manifest[FinishedPicture]) -> dict[Path, PictureRecord]:
         """The pictures that were solved before and whose results are all there."""

@@ -136,16 +136,19 @@ class Manifest(Generic[Line]):
 
 
 @contextmanager
-def opened_manifest(path: Path, key: str, kind: type[Line]) -> Iterator[Manifest[Line]]:
+def opened_manifest(path: Path | None, key: str, kind: type[Line]) -> Iterator[Manifest[Line]]:
     """The manifest of this file; begun anew if it is of other inputs, settings or `kind` of lines.
 
-    A file without finished work is removed at the end.
+    A file without finished work is removed at the end. Without a path nothing is kept.
 
     Raises
     ------
     FileError
         If it cannot be read or written.
     """
+    if path is None:
+        yield Manifest()
+        return
     with _reported(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         same, found, size = _read(path, key, kind)
