@@ -15,7 +15,7 @@ of the parabola are nearly as large as the path.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import factorial
 
 import numpy as np
@@ -110,8 +110,8 @@ def _fall_of_track(track: Sequence[FrameMotion], line_time: float) -> FreeFall:
     times = _times([row.time for row in track]) + line_time * np.array([s.rows[0] for s in seen])
     least = MIN_STD_PX**2 * np.eye(2)
     known = np.array([s.motion.center_covariance + least for s in seen])
-    flight = _Flight([row.frame for row in track], times, places, known)
-    return flight.fall(np.array([one.is_sound for one in seen]))
+    sound = np.array([one.is_sound for one in seen])
+    return _fall([row.frame for row in track], times, places, known, sound)
 
 
 def fit_fall_in_space(
@@ -162,14 +162,14 @@ def fit_fall_in_space(
     """
     used = _flight(balls) if times is None else _timed(balls, times)
     _check_count(len(used), "positions in space")
-    flight = _Flight(
+    fall = _fall(
         [ball.frame for ball in used],
         _times([ball.time for ball in used]),
         np.array([ball.place for ball in used]),
         np.array([ball.picture_covariance for ball in used]),
+        np.ones(len(used), bool),
     )
-    scale = Scale(1.0, max(ball.shared for ball in used))
-    fall = replace(flight.fall(np.ones(len(used), bool)), scale=scale)
+    fall = replace(fall, scale=Scale(1.0, max(ball.shared for ball in used)))
     return fall if gravity is None else fall.in_gravity(gravity, gravity_std)
 
 
@@ -214,45 +214,42 @@ def _times(times: Sequence[float | None]) -> Array:
     return t
 
 
-@dataclass(frozen=True, eq=False)
-class _Flight:
-    """Numbers of frames (m,), times (m,), positions (m, n), and their covariances (m, n, n)."""
+def _fall(
+    frames: Sequence[int], times: Array, places: Array, known: Array, sound: Bools
+) -> FreeFall:
+    """The parabola of the sound positions, without a few outliers; of all, if few are sound.
 
-    frames: list[int]
-    times: Array
-    places: Array
-    known: Array
+    Numbers of frames (m,), times (m,), positions (m, n), and their covariances (m, n, n).
+    """
+    if sound.sum() < _MIN_POSITIONS:
+        sound = np.ones(len(sound), bool)
+    excess = _excess(times, places, known, sound)
+    used = sound & (excess <= 1)
+    most = _MAX_OUTLIER_FRACTION * sound.sum()
+    if used.sum() < _MIN_F_POSITIONS or (sound & ~used).sum() > most:
+        used = sound
+    off = np.flatnonzero(~used & (excess > 1)).tolist()
+    fall = _parabola(times[used], places[used], known[used])
+    return replace(fall, off=tuple(frames[k] for k in off))
 
-    def fall(self, sound: Bools) -> FreeFall:
-        """The parabola of the sound positions, without a few outliers; of all, if few are sound."""
-        if sound.sum() < _MIN_POSITIONS:
-            sound = np.ones(len(sound), bool)
-        excess = self._excess(sound)
-        used = sound & (excess <= 1)
-        most = _MAX_OUTLIER_FRACTION * sound.sum()
-        if used.sum() < _MIN_F_POSITIONS or (sound & ~used).sum() > most:
-            used = sound
-        fall = _parabola(self.times[used], self.places[used], self.known[used])
-        off = np.flatnonzero(~used & (excess > 1)).tolist()
-        return replace(fall, off=tuple(self.frames[k] for k in off))
 
-    def _excess(self, sound: Bools) -> Array:
-        """(m,) χ² about the Student-t parabola of the sound positions, over the limit of noise."""
-        t, n = self.times - self.times[sound].mean(), self.places.shape[1]
-        W, freedom = np.linalg.inv(self.known), np.full(len(t), float(n))
-        weights, chi2 = np.ones(len(t)), np.zeros(len(t))
-        count = int(sound.sum())
-        free = n * max(count - 3, 1)
-        share = free / (n * count)  # of χ² that the parabola leaves
-        for _ in range(_REWEIGHTINGS):
-            known = self.known[sound] / weights[sound, None, None]
-            found, *_ = _polynomial(t[sound], self.places[sound], known, 2)
-            off = self.places - _powers(t, 2) @ found
-            chi2 = np.einsum("mi,mij,mj->m", off, W, off)
-            chi2 /= noise_scale(chi2[sound] / share, freedom[sound])
-            weights = student_weights(chi2, freedom)
-        limit = MIN_OUTLIER_PROBABILITY / count
-        return np.asarray(chi2 / n / scipy.special.fdtri(n, free, 1 - limit))
+def _excess(times: Array, places: Array, known: Array, sound: Bools) -> Array:
+    """(m,) χ² about the Student-t parabola of the sound positions, over the limit of noise."""
+    t, n = times - times[sound].mean(), places.shape[1]
+    W, freedom = np.linalg.inv(known), np.full(len(t), float(n))
+    weights, chi2 = np.ones(len(t)), np.zeros(len(t))
+    count = int(sound.sum())
+    free = n * max(count - 3, 1)
+    share = free / (n * count)  # of χ² that the parabola leaves
+    for _ in range(_REWEIGHTINGS):
+        weighted = known[sound] / weights[sound, None, None]
+        found, *_ = _polynomial(t[sound], places[sound], weighted, 2)
+        off = places - _powers(t, 2) @ found
+        chi2 = np.einsum("mi,mij,mj->m", off, W, off)
+        chi2 /= noise_scale(chi2[sound] / share, freedom[sound])
+        weights = student_weights(chi2, freedom)
+    limit = MIN_OUTLIER_PROBABILITY / count
+    return np.asarray(chi2 / n / scipy.special.fdtri(n, free, 1 - limit))
 
 
 def _parabola(times: Array, places: Array, known: Array) -> FreeFall:

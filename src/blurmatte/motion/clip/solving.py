@@ -39,8 +39,7 @@ SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a
 _STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between these
 _MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
-# What a work finds in some frames, each given alone
-_Each = Callable[[Callable[..., Any], Sequence[FrameMotion]], Iterator[Any]]
+_Found = Callable[[Sequence[FrameMotion]], Iterator[Any]]  # what is found in frames given alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,9 +267,9 @@ def rows_with_priors(
         The color was found and not given: frames without the object may be solved alone.
     """
 
-    def each(work: Callable[..., Any], some: Sequence[FrameMotion]) -> Iterator[Any]:
+    def each(work: Callable[..., Any]) -> _Found:
         """What a work finds in some frames, each given alone."""
-        return successes(workers.over(frames, work, solver.parts(some)))
+        return lambda some: successes(workers.over(frames, work, solver.parts(some)))
 
     wanted, objects = list[FrameMotion](), dict[int, list[FrameMotion]]()
     for row in rows_to_solve(rows, color_found):
@@ -283,9 +282,10 @@ def rows_with_priors(
     for number, mine in objects.items():
         found, used = with_priors(mine, delay_std)
         known = [k for k, row in enumerate(found) if used[k] and row.prior is not None]
-        found, costs = _stretched(found, known, solver, each)
+        found, costs = _stretched(found, known, each(solver.stretch))
         mistake = mistake_probability([row.sighting for row in mine if row.sighting])
-        is_disc, has_shape = _decided(found, known, costs, mistake, solver, each)
+        odds = each(solver.silhouette_odds)
+        is_disc, has_shape = _decided(found, known, costs, mistake, odds)
         if has_shape:
             shaped.add(number)
             found = [_with_prior(row, is_disc=is_disc) for row in found]
@@ -300,7 +300,7 @@ def _with_prior(row: FrameMotion, **changed: Any) -> FrameMotion:
 
 
 def _stretched(
-    found: list[FrameMotion], known: Sequence[int], solver: FrameSolver, each: _Each
+    found: list[FrameMotion], known: Sequence[int], stretches_of: _Found
 ) -> tuple[list[FrameMotion], list[float]]:
     """Rows with the stretch by the camera, if a rolling shutter is decisively likelier than none.
 
@@ -312,7 +312,7 @@ def _stretched(
     assert first is not None
     readout = first.motion.readout  # of all frames of a clip
     for some in spread_out(agreeing, STRETCH_FRAMES, _STARTS):
-        stretches = zip(each(solver.stretch, some), some, strict=True)
+        stretches = zip(stretches_of(some), some, strict=True)
         pairs += [(x, _displacement(row)) for x, row in stretches if x]
         shutter = RollingShutter.of(pairs, readout)
         if shutter.is_decisive or shutter.log_odds < 0:
@@ -321,7 +321,7 @@ def _stretched(
     if not shutter.is_decisive:
         return found, costs
     rows = list[FrameMotion]()
-    for k, (x, row) in enumerate(zip(each(solver.stretch, found), found, strict=True)):
+    for k, (x, row) in enumerate(zip(stretches_of(found), found, strict=True)):
         (a, b), costs[k] = shutter.stretch(_displacement(row), x)
         rows.append(_with_prior(row, camera_stretch=(float(a), float(b))))
     return rows, costs
@@ -340,8 +340,7 @@ def _decided(
     known: Sequence[int],
     costs: Sequence[float],
     mistake_probability: float,
-    solver: FrameSolver,
-    each: _Each,
+    odds_of: _Found,
 ) -> tuple[bool, bool]:
     """Whether known frames, which may mislead, are decisive for a disc, and for a shape.
 
@@ -350,8 +349,8 @@ def _decided(
     odds: list[tuple[float, float]] = []
     total = np.zeros(2)
     for some in spread_out(known, SILHOUETTE_FRAMES, _STARTS):
-        found = each(solver.silhouette_odds, [rows[k] for k in some])
-        pairs = [(one, costs[k]) for one, k in zip(found, some, strict=True) if one is not None]
+        found = zip(odds_of([rows[k] for k in some]), some, strict=True)
+        pairs = [(one, costs[k]) for one, k in found if one is not None]
         odds += [(disc - cost, shape - cost) for (disc, shape), cost in pairs]
         total = pooled_log_odds(odds, mistake_probability)
         if np.all(np.abs(total) > DECISIVE_LOG_BAYES_FACTOR):
