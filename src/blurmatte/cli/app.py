@@ -332,10 +332,10 @@ def _options_of(
         if is_dataclass(one.annotation):
             groups[one.name] = one.annotation
             kinds = get_type_hints(one.annotation, include_extras=True)
-            parameters += [
-                (f.name, kinds[f.name], one.empty if f.default is MISSING else f.default)
-                for f in fields(one.annotation)
-            ]
+            for f in fields(one.annotation):
+                kind = kinds[f.name]
+                kind = Annotated[kind, *f.metadata.values()] if f.metadata else kind
+                parameters.append((f.name, kind, one.empty if f.default is MISSING else f.default))
         else:
             parameters.append((one.name, one.annotation, one.default))
     parameters += [("quiet", _Quiet, False), ("verbose", _Verbose, False)]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import blurmatte as bm
-from blurmatte.cli.console import about, argument, option
+from blurmatte.cli.console import about, argument, optional
 from blurmatte.cli.paths import CLIPS, SHEET, check_file
 from blurmatte.cli.quantities import check_rate, numbers
 
@@ -33,20 +33,15 @@ LayerOrRow = Annotated[
 class Changes:
     """Changes of a layer; their order is that of the command line."""
 
-    fade: Annotated[list[str] | None, option("F", "F times as opaque: 0.5 is half.", CHANGES)] = (
-        None
+    fade: list[str] | None = optional("F", "F times as opaque: 0.5 is half.", CHANGES)
+    amplify: list[str] | None = optional(
+        "G[,BRIGHTNESS]", "G times as opaque, and bright.", CHANGES
     )
-    amplify: Annotated[
-        list[str] | None, option("G[,BRIGHTNESS]", "G times as opaque, and bright.", CHANGES)
-    ] = None
-    recolor: Annotated[
-        list[str] | None,
-        option("HEX|OLD=NEW,…", "Another color, or new ones for its paints.", CHANGES),
-    ] = None
-    expose: Annotated[
-        list[str] | None, option("STOPS", "Brighter by so many stops: 1 is twice.", CHANGES)
-    ] = None
-    gain: Annotated[list[str] | None, option("R,G,B", "Its light times these.", CHANGES)] = None
+    recolor: list[str] | None = optional(
+        "HEX|OLD=NEW,…", "Another color, or new ones for its paints.", CHANGES
+    )
+    expose: list[str] | None = optional("STOPS", "Brighter by so many stops: 1 is twice.", CHANGES)
+    gain: list[str] | None = optional("R,G,B", "Its light times these.", CHANGES)
 
     def in_order(self, order: Sequence[str]) -> list[tuple[str, str]]:
         """Names of options and their values, in the order in which the names were typed."""
@@ -58,10 +53,8 @@ class Changes:
 class Previews:
     """Files to look at, in addition to the result."""
 
-    sheet: Annotated[Path | None, option("FILE", "Before and after: .png, .jpg.", LOOKS)] = None
-    preview: Annotated[
-        Path | None, option("FILE", "It comes and goes: .webp, .gif, .mp4.", LOOKS)
-    ] = None
+    sheet: Path | None = optional("FILE", "Before and after: .png, .jpg.", LOOKS)
+    preview: Path | None = optional("FILE", "It comes and goes: .webp, .gif, .mp4.", LOOKS)
 
     def __post_init__(self) -> None:
         check_file(self.sheet, "a sheet", *SHEET)
@@ -72,8 +65,8 @@ class Previews:
 class RowOptions:
     """How a row of layers is written."""
 
-    rate: Annotated[float | None, option("R", "Frames per second of a clip.", ROW)] = None
-    first: Annotated[int | None, option("N", "First number; else those read.", ROW)] = None
+    rate: float | None = optional("R", "Frames per second of a clip.", ROW)
+    first: int | None = optional("N", "First number; else those read.", ROW)
 
     def __post_init__(self) -> None:
         check_rate(self.rate)
@@ -87,14 +80,12 @@ class RowOptions:
 class Placement:
     """Where in a picture a layer goes, how large, and in which light."""
 
-    fit: Annotated[
-        str | None, option("cover", "Scale and crop the picture to the layer.", PLACE)
-    ] = None
-    place: Annotated[str | None, option("X,Y", "The middle of the object.", PLACE)] = None
-    scale: Annotated[float | None, option("S", "S times as large.", PLACE)] = None
-    match_light: Annotated[
-        Path | None, option("PLATE", "From the light of its own plate to the picture's.", PLACE)
-    ] = None
+    fit: str | None = optional("cover", "Scale and crop the picture to the layer.", PLACE)
+    place: str | None = optional("X,Y", "The middle of the object.", PLACE)
+    scale: float | None = optional("S", "S times as large.", PLACE)
+    match_light: Path | None = optional(
+        "PLATE", "From the light of its own plate to the picture's.", PLACE
+    )
 
     def __post_init__(self) -> None:
         if self.fit not in (None, "cover"):

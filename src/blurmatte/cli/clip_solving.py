@@ -18,7 +18,7 @@ from blurmatte.cli.console import (
     about,
     complain,
     flag,
-    option,
+    optional,
     say,
     say_json,
     waiting,
@@ -46,9 +46,7 @@ _LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solutio
 class MaybePlate:
     """The plate, and how it may be changed to match the image."""
 
-    plate: Annotated[
-        list[Path] | None, option("FILE|none", "Without the object; none: guess; clip: made.")
-    ] = None
+    plate: list[Path] | None = optional("FILE|none", "Without the object; none: guess; clip: made.")
     match: MatchMode = "auto"
 
     def __post_init__(self) -> None:
@@ -81,16 +79,13 @@ class MaybePlate:
 class ClipOptions(FrameSelection):
     """How a clip is solved and written."""
 
-    layers: Annotated[
-        str | None,
-        option("KIND", "exr, png, tif, mov, or solution: EXRs with all numbers.", CLIP),
-    ] = None
+    layers: str | None = optional(
+        "KIND", "exr, png, tif, mov, or solution: EXRs with all numbers.", CLIP
+    )
     several: Annotated[bool, flag("--several", "All objects of that color.", CLIP)] = False
-    table: Annotated[str | None, option("csv|parquet", "Of the frames; csv.", CLIP)] = None
-    workers: Annotated[int | None, option("N", "Processes; one for each core.", CLIP)] = None
-    scheduler: Annotated[
-        str | None, option("ADDRESS", "Of a Dask cluster: tcp://host:8786.", CLIP)
-    ] = None
+    table: str | None = optional("csv|parquet", "Of the frames; csv.", CLIP)
+    workers: int | None = optional("N", "Processes; one for each core.", CLIP)
+    scheduler: str | None = optional("ADDRESS", "Of a Dask cluster: tcp://host:8786.", CLIP)
 
     def __post_init__(self) -> None:
         super().__post_init__()

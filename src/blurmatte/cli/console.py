@@ -65,6 +65,11 @@ def option(metavar: str, help: str, group: str | None = None, *names: str) -> An
     )
 
 
+def optional(metavar: str, help: str, group: str | None = None, default: Any = None) -> Any:
+    """A field of a dataclass of options: one with a value, which may be left out."""
+    return field(default=default, metadata={"option": option(metavar, help, group)})
+
+
 def output(help: str, metavar: str = "FILE") -> Any:
     """The option that names what to write."""
     return option(metavar, help, None, "--out", "-o")

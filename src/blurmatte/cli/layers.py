@@ -17,6 +17,7 @@ from blurmatte.cli.console import (
     flag,
     grade_lines,
     option,
+    optional,
     say,
     waiting,
     with_progress,
@@ -112,9 +113,9 @@ def paints(
 class BlurredPictures(OwnPictures):
     """The pictures that a layer is from; with them the path is refined."""
 
-    spin: Annotated[
-        str, option("MODE", "Of a ball: none; measure; auto, used if it is likelier.", PICTURES)
-    ] = "none"
+    spin: str = optional(
+        "MODE", "Of a ball: none; measure; auto, used if it is likelier.", PICTURES, default="none"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

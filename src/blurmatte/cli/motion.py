@@ -10,7 +10,16 @@ from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, flag, grade_lines, option, output, waiting
+from blurmatte.cli.console import (
+    about,
+    answer,
+    flag,
+    grade_lines,
+    option,
+    optional,
+    output,
+    waiting,
+)
 from blurmatte.cli.paths import SHEET, check_file, layer_in
 from blurmatte.cli.picture_solving import solved_picture_at
 from blurmatte.cli.quantities import (
@@ -55,9 +64,7 @@ class ExposureTiming:
     exposure: ExposureTime = None
     line_time: LineTime = None
     readout: Readout = None
-    going: Annotated[
-        str | None, option("down|up|left|right", "With --line-time, if known.", SIZE)
-    ] = None
+    going: str | None = optional("down|up|left|right", "With --line-time, if known.", SIZE)
 
     def __post_init__(self) -> None:
         direction("--going", self.going)
@@ -70,10 +77,8 @@ class ExposureTiming:
 class Drawing:
     """The picture of the path."""
 
-    overlay: Annotated[
-        Path | None, option("FILE", "Draw path and outlines: .png, .jpg.", DRAWING)
-    ] = None
-    image: Annotated[Path | None, option("FILE", "The picture to draw on.", DRAWING)] = None
+    overlay: Path | None = optional("FILE", "Draw path and outlines: .png, .jpg.", DRAWING)
+    image: Path | None = optional("FILE", "The picture to draw on.", DRAWING)
 
     def __post_init__(self) -> None:
         check_file(self.overlay, "a sheet", *SHEET)
@@ -87,9 +92,7 @@ class Drawing:
 class Unsolved:
     """What is needed to solve a picture that is given instead of a layer."""
 
-    plate: Annotated[
-        Path | None, option("FILE|none", "LAYER is a picture: solve it; none: guess.")
-    ] = None
+    plate: Path | None = optional("FILE|none", "LAYER is a picture: solve it; none: guess.")
     region: Region = None
     opacity: KnownOpacity = None
 
@@ -145,15 +148,12 @@ def measure(
 class SpaceOptions(BallSize):
     """Known quantities of the space in front of the camera."""
 
-    speed: Annotated[
-        str | None, option("SPEED[±ERROR]", "Or its true speed: 12m/s, 43km/h.", SIZE)
-    ] = None
+    speed: str | None = optional("SPEED[±ERROR]", "Or its true speed: 12m/s, 43km/h.", SIZE)
     camera: Camera = None
-    on_plane: Annotated[
-        list[str] | None,
-        option("X,Y=U,V", "Pixel X,Y shows the point U,V of the plane; 4 or more.", PLANE),
-    ] = None
-    height: Annotated[str | None, option(LENGTH, "Of its middle above the plane.", PLANE)] = None
+    on_plane: list[str] | None = optional(
+        "X,Y=U,V", "Pixel X,Y shows the point U,V of the plane; 4 or more.", PLANE
+    )
+    height: str | None = optional(LENGTH, "Of its middle above the plane.", PLANE)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 import blurmatte as bm
-from blurmatte.cli.console import option
+from blurmatte.cli.console import option, optional
 
 Direction: TypeAlias = Literal["right", "down", "left", "up"]  # in the picture
 
@@ -225,8 +225,8 @@ def _with_error(
 class BallSize:
     """The true size of the object."""
 
-    diameter: Annotated[str | None, option(LENGTH, "True diameter: 4cm, 40mm±0.2mm.", SIZE)] = None
-    radius: Annotated[str | None, option(LENGTH, "Or its radius.", SIZE)] = None
+    diameter: str | None = optional(LENGTH, "True diameter: 4cm, 40mm±0.2mm.", SIZE)
+    radius: str | None = optional(LENGTH, "Or its radius.", SIZE)
 
     def __post_init__(self) -> None:
         if self.radius is not None and self.diameter is not None:
@@ -248,10 +248,9 @@ class BallSize:
 class ScaleOptions(BallSize):
     """How large a pixel is where the object moved."""
 
-    scale: Annotated[
-        str | None,
-        option("LENGTH|X0,Y0,X1,Y1=LENGTH", "Of a pixel, or between two points.", SIZE),
-    ] = None
+    scale: str | None = optional(
+        "LENGTH|X0,Y0,X1,Y1=LENGTH", "Of a pixel, or between two points.", SIZE
+    )
 
     def __post_init__(self) -> None:
         if sum(text is not None for text in (self.radius, self.diameter, self.scale)) > 1:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import blurmatte as bm
-from blurmatte.cli.console import GENERAL, about, argument, option, output
+from blurmatte.cli.console import GENERAL, about, argument, option, optional, output
 from blurmatte.cli.paths import ROWS
 from blurmatte.cli.quantities import box, check_rate, frame_range, is_box, numbers
 from blurmatte.formats import EXR, MAX_PIXELS, format_at, named
@@ -42,12 +42,11 @@ KnownOpacity = Annotated[
 class Reading:
     """How picture files are read."""
 
-    transfer: Annotated[
-        str | None,
-        option("NAME|FILE.json", "Encoding: srgb, rec709, linear, slog3 …", GENERAL),
-    ] = None
-    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.", GENERAL)] = (
-        MAX_PIXELS
+    transfer: str | None = optional(
+        "NAME|FILE.json", "Encoding: srgb, rec709, linear, slog3 …", GENERAL
+    )
+    max_pixels: int = optional(
+        "N", "Refuse larger pictures; 200 million.", GENERAL, default=MAX_PIXELS
     )
 
     @property
@@ -115,9 +114,7 @@ class Reading:
 class CameraReading(Reading):
     """How picture files of a camera with known noise are read."""
 
-    noise: Annotated[Path | None, option("FILE.json", "From calibrate noise; else measured.")] = (
-        None
-    )
+    noise: Path | None = optional("FILE.json", "From calibrate noise; else measured.")
 
     @property
     def camera_noise(self) -> bm.NoiseModel | None:
@@ -130,7 +127,7 @@ class FrameSelection:
     """Which frames of a clip or of a row of pictures are used, and when they were taken."""
 
     frames: FrameRange = None
-    rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None
+    rate: float | None = optional("R", "Frames per second, for pictures.")
 
     def __post_init__(self) -> None:
         check_rate(self.rate)
@@ -152,9 +149,9 @@ class PlateOptions:
 class OwnPictures:
     """The pictures that a layer is from, and how the plate may be changed to match the image."""
 
-    image: Annotated[Path | None, option("FILE", "With the object.", PICTURES)] = None
-    plate: Annotated[Path | None, option("FILE|none", "Without it; none: guess.", PICTURES)] = None
-    match: Annotated[str, option("MODE", _MATCH, PICTURES)] = "auto"
+    image: Path | None = optional("FILE", "With the object.", PICTURES)
+    plate: Path | None = optional("FILE|none", "Without it; none: guess.", PICTURES)
+    match: str = optional("MODE", _MATCH, PICTURES, default="auto")
 
     def __post_init__(self) -> None:
         matching_of(self.match)
@@ -186,21 +183,12 @@ class ObjectColor:
     Raises ValueError if they contradict each other, whatever the pictures show.
     """
 
-    color: Annotated[
-        list[str] | None,
-        option(
-            "HEX|X,Y[,R]|FILE|core",
-            "#d8ff3c, its pixels, a model; repeatable.",
-            OBJECT,
-        ),
-    ] = None
-    color_from: Annotated[
-        Path | None, option("FILE", "A sharp picture in which X,Y are picked.", OBJECT)
-    ] = None
-    rank: Annotated[int, option("1|2|3", "1: shades of one color, 2: of two, 3: any.", OBJECT)] = 1
-    max_brightness: Annotated[
-        float | None, option("L", "Its light at most; white is 1.", OBJECT)
-    ] = None
+    color: list[str] | None = optional(
+        "HEX|X,Y[,R]|FILE|core", "#d8ff3c, its pixels, a model; repeatable.", OBJECT
+    )
+    color_from: Path | None = optional("FILE", "A sharp picture in which X,Y are picked.", OBJECT)
+    rank: int = optional("1|2|3", "1: shades of one color, 2: of two, 3: any.", OBJECT, default=1)
+    max_brightness: float | None = optional("L", "Its light at most; white is 1.", OBJECT)
 
     def __post_init__(self) -> None:
         if self.rank not in (1, 2, 3):

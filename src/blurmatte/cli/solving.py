@@ -23,6 +23,7 @@ from blurmatte.cli.console import (
     grade_lines,
     in_degrees,
     option,
+    optional,
     output,
     printing,
     say,
@@ -63,10 +64,10 @@ class SolvingOptions:
 
     region: Region = None
     occluder: Occluder = None
-    solver: Annotated[
-        str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
-    ] = "auto"
-    seconds: Annotated[float | None, option("S", "CPU s after which no new shape is tried.")] = None
+    solver: str = optional(
+        "NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.", default="auto"
+    )
+    seconds: float | None = optional("S", "CPU s after which no new shape is tried.")
     opacity: KnownOpacity = None
 
     @property

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, output
+from blurmatte.cli.console import about, flag, option, optional, output
 from blurmatte.cli.paths import SHEET, check_file, check_outputs, given_files
 from blurmatte.cli.quantities import (
     SIZE,
@@ -39,13 +39,11 @@ _TABLES = ".csv", ".json", ".parquet", *TRACKER_ENDINGS
 class ObjectOptions:
     """Which objects of a clip are followed."""
 
-    color: Annotated[
-        str | None, option("HEX|FILE.json|any", "Its color; else found in some frames.", OBJECT)
-    ] = None
-    several: Annotated[bool, flag("--several", "Follow all of that color.", OBJECT)] = False
-    least: Annotated[int | None, option("N", "Of these: seen in N frames or more; 3.", OBJECT)] = (
-        None
+    color: str | None = optional(
+        "HEX|FILE.json|any", "Its color; else found in some frames.", OBJECT
     )
+    several: Annotated[bool, flag("--several", "Follow all of that color.", OBJECT)] = False
+    least: int | None = optional("N", "Of these: seen in N frames or more; 3.", OBJECT)
 
     def __post_init__(self) -> None:
         if self.least is not None and not self.several:
@@ -57,7 +55,7 @@ class ObjectOptions:
 class ProcessOptions:
     """How the frames are processed."""
 
-    workers: Annotated[int | None, option("N", "Processes; one for each core.", RUN)] = None
+    workers: int | None = optional("N", "Processes; one for each core.", RUN)
 
     def __post_init__(self) -> None:
         check_count("--workers", self.workers)
@@ -71,10 +69,7 @@ class Physics(ScaleOptions):
     exposure: ExposureTime = None
     line_time: LineTime = None
     readout: Readout = None
-    gravity: Annotated[
-        str | None,
-        option("G|X,Y|X,Y,Z[±ERROR]", "Of a fall, m/s²: gives the scale.", SIZE),
-    ] = None
+    gravity: str | None = optional("G|X,Y|X,Y,Z[±ERROR]", "Of a fall, m/s²: gives the scale.", SIZE)
 
     def __post_init__(self) -> None:
         if self.camera is not None and self.scale is not None:
