@@ -28,7 +28,7 @@ MIN_DEVIATION = 8.0  # standard deviations of d by which an outlier differs from
 # Of a point's light that a neighbor gets at least: a Gaussian point spread of 0.3 pixels leaves 5 %
 MIN_SPREAD = 0.05
 RING = 2  # pixels, of the neighbors beyond the nearest
-STRIP_ROWS = 128  # of a picture at a time, to save memory
+STRIP_ROWS = 128  # of pixels or cells at a time, to save memory
 
 
 def evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
@@ -91,8 +91,8 @@ def _cells_of(image: LinearImage, plate: LinearImage, cell: int) -> tuple[Floats
     Strips avoid copies of large pictures.
     """
     strips = []
-    for start in range(0, len(image.valid), cell * 128):
-        rows = slice(start, start + cell * 128)
+    for start in range(0, len(image.valid), cell * STRIP_ROWS):
+        rows = slice(start, start + cell * STRIP_ROWS)
         used = image.valid[rows] & plate.valid[rows]
         d = np.where(used[..., None], image.rgb[rows] - plate.rgb[rows], 0)
         known = in_cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5

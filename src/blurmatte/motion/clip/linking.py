@@ -25,6 +25,7 @@ from blurmatte.motion.clip.detections import (
 )
 from blurmatte.motion.clip.robust_curve import comparable_rows
 from blurmatte.motion.columns import Rows
+from blurmatte.motion.picture.motion import MIN_DIRECTED_STD
 
 _H = np.eye(2, 4)
 
@@ -36,7 +37,6 @@ _VELOCITY_CHANGE = 0.5  # of the speed, from frame to frame: an arc, a bounce
 _POSITION_STD_PX = 2.0  # of the model, added to that of a detection
 _LOG_RADIUS_STD = 0.2  # from frame to frame: perspective and shading
 _OCCLUDER_AREA = 0.5  # of an occluded object's area, added to the streak in front of it
-_MIN_DIRECTION_STD = 3.0  # standard deviations of a displacement with a known sign
 _OFF_TRACK = "the object's track does not go there; {} streak{} of its color ignored"
 _NO_TRACK = "{} streak{} of the color ignored: of several objects at once, or in too few frames"
 
@@ -195,7 +195,7 @@ def in_time(index: int, track: Track) -> tuple[Sighting, bool]:
     std = float(np.sqrt(along @ (a.motion.center_covariance + b.motion.center_covariance) @ along))
     # A displacement mostly across the streak does not determine the direction along it.
     least = max(
-        _MIN_DIRECTION_STD * std, float(np.linalg.norm(b.motion.center - a.motion.center)) / 2
+        MIN_DIRECTED_STD * std, float(np.linalg.norm(b.motion.center - a.motion.center)) / 2
     )
     if not (abs(moved) > least and sighting.moved):
         return sighting, False

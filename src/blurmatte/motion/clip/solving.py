@@ -23,6 +23,7 @@ from blurmatte.motion.clip.clip_path import mistake_probability, with_priors
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame
+from blurmatte.motion.clip.smoothing import MIN_OUTLIER_PROBABILITY
 from blurmatte.motion.clip.workers import Workers, spread_out, successes
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded_frames
@@ -37,7 +38,6 @@ from blurmatte.sweep.model.silhouette import DISC
 STRETCH_FRAMES = 16  # of which the camera's readout time is measured at most
 SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a time
 _STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between these
-_MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 _Found = Callable[[Sequence[FrameMotion]], Iterator[Any]]  # what is found in frames given alone
 
@@ -55,7 +55,7 @@ class FrameSolver:
     @property
     def min_probability(self) -> float:
         """That a frame differs as much from its prior: less is a contradiction."""
-        return _MIN_PROBABILITY / len(self.index_of)
+        return MIN_OUTLIER_PROBABILITY / len(self.index_of)
 
     @property
     def fits_shapes(self) -> bool:

@@ -42,8 +42,7 @@ SWEEP, MOMENTS = "sweep", "moments"  # what a motion was measured from
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
 MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact
 MIN_EXCESS_STD = 3.5  # standard deviations by which a motion exceeds rest
-# Standard deviations by which a path differs from its perpendicular if `going` gives it a direction
-MIN_DIRECTED_STD = 3.0
+MIN_DIRECTED_STD = 3.0  # standard deviations of a displacement along a path whose sign is known
 USUAL_READOUT_S = 0.02  # of a rolling shutter, from the first row to the last
 _ANGLE = QUANTITIES.index("angle")
 _PER_METER_PER_SECOND = {"m/s": 1.0, "km/h": 3.6, "mph": 3600 / 1609.344}
