@@ -26,12 +26,8 @@ TABLE = "pictures.csv"
 _MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have started
 
 
-@dataclass(frozen=True)
-class PrintedAnswer:
-    """What is printed of one picture, and its row of the table; a record with a reason: refused."""
-
-    lines: list[str]
-    record: PictureRecord
+# What is printed of one picture, and its row of the table; a record with a reason: refused
+Printed = tuple[list[str], PictureRecord]
 
 
 @dataclass(frozen=True)
@@ -82,7 +78,7 @@ class PictureRow:
 
 def solve_row(
     row: PictureRow,
-    work: Callable[[Path, Path], PrintedAnswer],
+    work: Callable[[Path, Path], Printed],
     required: bm.Grade | None,
     workers: int | None,
     as_json: bool,
@@ -97,19 +93,19 @@ def solve_row(
         with bm.motion.Workers(count) as pool:
             solved = pool.in_order(work, rest)
             for path, folder in with_progress(row.pairs, "solving"):
-                one = PrintedAnswer([], done[path]) if path in done else next(solved)
-                records.append(one.record)
-                if one.record.reason:
-                    complain(one.record.reason)
+                lines, record = ([], done[path]) if path in done else next(solved)
+                records.append(record)
+                if record.reason:
+                    complain(record.reason)
                     continue
                 if path not in done and row.several:
-                    manifest.append(FinishedPicture(_key(path), one.record))
+                    manifest.append(FinishedPicture(_key(path), record))
                 if as_json:
                     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
                     say_json({"folder": folder, **report}, indent=None if row.several else 2)
-                elif one.lines:
-                    say("\n".join(one.lines))
-                lower += _is_lower(path, one.record.grade, required)
+                elif lines:
+                    say("\n".join(lines))
+                lower += _is_lower(path, record.grade, required)
     if row.several:
         bm.write(row.out / TABLE, [record.numbers() for record in records])
     refused = sum(bool(record.reason) for record in records)
@@ -120,17 +116,15 @@ def solve_row(
         raise typer.Exit(ExitCode.REFUSED if refused else ExitCode.LOW_GRADE)
 
 
-def refusal(path: Path, error: bm.BlurmatteError) -> PrintedAnswer:
+def refusal(path: Path, error: bm.BlurmatteError) -> Printed:
     """The answer of a picture that cannot be solved."""
-    return PrintedAnswer([], PictureRecord(_text(path), reason=_text(error)))
+    return [], PictureRecord(_text(path), reason=_text(error))
 
 
-def solved_picture(
-    path: Path, folder: Path, solution: bm.Solution, lines: list[str]
-) -> PrintedAnswer:
-    """The answer of a picture that is solved, and whose results are written."""
+def solved_picture(path: Path, folder: Path, solution: bm.Solution) -> PictureRecord:
+    """The row of a picture that is solved, and whose results are written."""
     record = PictureRecord.of(solution)
-    return PrintedAnswer(lines, replace(record, picture=_text(path), folder=_text(folder.name)))
+    return replace(record, picture=_text(path), folder=_text(folder.name))
 
 
 def _summary(count: int, done: int, refused: int) -> str:

@@ -55,7 +55,7 @@ from blurmatte.cli.selection import (
 )
 
 if TYPE_CHECKING:
-    from blurmatte.cli.picture_rows import PrintedAnswer
+    from blurmatte.cli.picture_rows import Printed
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class _OneOfRow:
     task: PictureOptions
     verbosity: Verbosity
 
-    def __call__(self, path: Path, folder: Path) -> PrintedAnswer:
+    def __call__(self, path: Path, folder: Path) -> Printed:
         from blurmatte.cli.picture_rows import refusal, solved_picture
 
         try:
@@ -167,7 +167,7 @@ class _OneOfRow:
                 lines, solution = _solve_one(self.task, path, folder)
         except bm.BlurmatteError as error:
             return refusal(path, error)
-        return solved_picture(path, folder, solution, lines)
+        return lines, solved_picture(path, folder, solution)
 
 
 def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
