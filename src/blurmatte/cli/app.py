@@ -6,7 +6,7 @@ import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, fields, is_dataclass
+from dataclasses import MISSING, Field, fields, is_dataclass
 from functools import cache
 from importlib import import_module
 from itertools import chain
@@ -327,23 +327,24 @@ def _options_of(
     function: Callable[..., None],
 ) -> tuple[Mapping[str, Any], list[inspect.Parameter]]:
     """The dataclasses among the parameters of a function, and one parameter for each option."""
-    groups, parameters = {}, []
+    groups, parameters = {}, list[inspect.Parameter]()
     for one in inspect.signature(function, eval_str=True).parameters.values():
         if is_dataclass(one.annotation):
             groups[one.name] = one.annotation
             kinds = get_type_hints(one.annotation, include_extras=True)
-            for f in fields(one.annotation):
-                kind = kinds[f.name]
-                kind = Annotated[kind, *f.metadata.values()] if f.metadata else kind
-                parameters.append((f.name, kind, one.empty if f.default is MISSING else f.default))
+            parameters += [_option(f.name, kinds[f.name], f) for f in fields(one.annotation)]
         else:
-            parameters.append((one.name, one.annotation, one.default))
-    parameters += [("quiet", _Quiet, False), ("verbose", _Verbose, False)]
-    keyword = inspect.Parameter.KEYWORD_ONLY
-    return groups, [
-        inspect.Parameter(name, keyword, default=default, annotation=kind)
-        for name, kind, default in parameters
-    ]
+            parameters.append(_option(one.name, one.annotation, one.default))
+    common = _option("quiet", _Quiet, False), _option("verbose", _Verbose, False)
+    return groups, [*parameters, *common]
+
+
+def _option(name: str, kind: Any, default: Any) -> inspect.Parameter:
+    """The parameter of an option; a field has both its help and its default."""
+    if isinstance(default, Field):
+        kind = Annotated[kind, *default.metadata.values()] if default.metadata else kind
+        default = inspect.Parameter.empty if default.default is MISSING else default.default
+    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=kind)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ import sys
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import typer
 
@@ -17,10 +17,10 @@ from blurmatte.cli.console import (
     ExitCode,
     about,
     complain,
-    flag,
     optional,
     say,
     say_json,
+    switch,
     waiting,
     warn,
 )
@@ -82,7 +82,7 @@ class ClipOptions(FrameSelection):
     layers: str | None = optional(
         "KIND", "exr, png, tif, mov, or solution: EXRs with all numbers.", CLIP
     )
-    several: Annotated[bool, flag("--several", "All objects of that color.", CLIP)] = False
+    several: bool = switch("--several", "All objects of that color.", CLIP)
     table: str | None = optional("csv|parquet", "Of the frames; csv.", CLIP)
     workers: int | None = optional("N", "Processes; one for each core.", CLIP)
     scheduler: str | None = optional("ADDRESS", "Of a Dask cluster: tcp://host:8786.", CLIP)

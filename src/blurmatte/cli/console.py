@@ -66,8 +66,13 @@ def option(metavar: str, help: str, group: str | None = None, *names: str) -> An
 
 
 def optional(metavar: str, help: str, group: str | None = None, default: Any = None) -> Any:
-    """A field of a dataclass of options: one with a value, which may be left out."""
+    """An option with a value, which may be left out: of a command, or of a group, as its field."""
     return field(default=default, metadata={"option": option(metavar, help, group)})
+
+
+def switch(name: str, help: str, group: str | None = None) -> Any:
+    """As `optional`, without a value."""
+    return field(default=False, metadata={"option": flag(name, help, group)})
 
 
 def output(help: str, metavar: str = "FILE") -> Any:

@@ -30,7 +30,7 @@ from blurmatte.cli.changes import (
     change_of,
     changed,
 )
-from blurmatte.cli.console import about, option, say, waiting, with_progress
+from blurmatte.cli.console import about, option, optional, say, waiting, with_progress
 from blurmatte.cli.paths import PICTURE, check_file, check_outputs, is_row, layer_in, pictures_of
 from blurmatte.cli.selection import (
     GUESSED,
@@ -162,7 +162,7 @@ def remove(
     row: RowOptions,
     reading: Reading,
     out: Out,
-    grow: Annotated[int, option("N", "N pixels more on every side.")] = 0,
+    grow: int = optional("N", "N pixels more on every side.", default=0),
 ) -> None:
     """Remove an object from its picture, by the plate in its place.
 

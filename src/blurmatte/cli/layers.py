@@ -14,11 +14,11 @@ from blurmatte.cli.console import (
     about,
     answer,
     argument,
-    flag,
     grade_lines,
     option,
     optional,
     say,
+    switch,
     waiting,
     with_progress,
 )
@@ -51,10 +51,8 @@ def stack(
     layers: Annotated[list[str], argument("LAYER", f"Layers in their order, or a .mov: {ROWS}.")],
     out: Out,
     reading: Reading,
-    over: Annotated[
-        Path | None, option("FILE", "The picture behind all of them, usually the plate.")
-    ] = None,
-    long: Annotated[bool, flag("--long", "As one exposure as long as all together.")] = False,
+    over: Path | None = optional("FILE", "The picture behind all of them, usually the plate."),
+    long: bool = switch("--long", "As one exposure as long as all together."),
 ) -> None:
     """Stack layers into one: the path of an object through a clip.
 
@@ -84,7 +82,7 @@ def paints(
     layer: Layer,
     color: Annotated[list[str], option("HEX", "The color of a paint; repeat for each.")],
     out: OutFolder,
-    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = MAX_PIXELS,
+    max_pixels: int = optional("N", "Refuse larger pictures; 200 million.", default=MAX_PIXELS),
     as_json: AsJson = False,
 ) -> None:
     """Map how long each paint of an object was at each pixel.
@@ -142,9 +140,9 @@ def sharpen(
     pictures: BlurredPictures,
     reading: Reading,
     out: Out,
-    frames: Annotated[int, option("N", "Moments of each exposure, equally spaced.")] = 1,
-    rate: Annotated[float, option("FPS", "Frames per second of a clip.")] = 8.0,
-    sheet: Annotated[Path | None, option("FILE", "A sheet: before, after, and the error.")] = None,
+    frames: int = optional("N", "Moments of each exposure, equally spaced.", default=1),
+    rate: float = optional("FPS", "Frames per second of a clip.", default=8.0),
+    sheet: Path | None = optional("FILE", "A sheet: before, after, and the error."),
     as_json: AsJson = False,
 ) -> None:
     """Show an object sharp, as it was at moments of the exposure.

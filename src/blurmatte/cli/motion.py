@@ -10,16 +10,7 @@ from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import (
-    about,
-    answer,
-    flag,
-    grade_lines,
-    option,
-    optional,
-    output,
-    waiting,
-)
+from blurmatte.cli.console import about, answer, grade_lines, optional, output, switch, waiting
 from blurmatte.cli.paths import SHEET, check_file, layer_in
 from blurmatte.cli.picture_solving import solved_picture_at
 from blurmatte.cli.quantities import (
@@ -38,14 +29,7 @@ from blurmatte.cli.quantities import (
     time_of_exposure,
     time_of_line,
 )
-from blurmatte.cli.selection import (
-    CameraReading,
-    KnownOpacity,
-    Layer,
-    Reading,
-    Region,
-    opacity_of,
-)
+from blurmatte.cli.selection import CameraReading, KnownOpacity, Layer, Reading, Region, opacity_of
 
 PLANE = "A plane"
 DRAWING = "Drawing"
@@ -114,9 +98,7 @@ def measure(
     timing: ExposureTiming,
     drawing: Drawing,
     reading: Reading,
-    rotation: Annotated[
-        bool, flag("--rotation", "Also how far it turned, and about which point.")
-    ] = False,
+    rotation: bool = switch("--rotation", "Also how far it turned, and about which point."),
     out: Numbers = None,
     as_json: AsJson = False,
 ) -> None:
@@ -181,12 +163,8 @@ def locate(
     space: SpaceOptions,
     reading: Reading,
     exposure: ExposureTime = None,
-    image: Annotated[
-        Path | None, option("FILE", "With --plate: fit the flight to the picture, in depth.")
-    ] = None,
-    plate: Annotated[
-        Path | None, option("FILE|none", "The scene without the object; none: guess.")
-    ] = None,
+    image: Path | None = optional("FILE", "With --plate: fit the flight to the picture, in depth."),
+    plate: Path | None = optional("FILE|none", "The scene without the object; none: guess."),
     out: Numbers = None,
     as_json: AsJson = False,
 ) -> None:

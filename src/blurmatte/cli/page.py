@@ -13,7 +13,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import command, run_line
-from blurmatte.cli.console import ExitCode, argument, flag, option, output, say
+from blurmatte.cli.console import ExitCode, argument, optional, output, say, switch
 from blurmatte.cli.paths import check_folder
 
 
@@ -25,8 +25,8 @@ def ui(
     out: Annotated[
         Path | None, output("Keep the results here; else they are deleted.", "FOLDER")
     ] = None,
-    port: Annotated[int, option("N", "Port of this machine; else a free one.")] = 0,
-    no_browser: Annotated[bool, flag("--no-browser", "Print the address, open nothing.")] = False,
+    port: int = optional("N", "Port of this machine; else a free one.", default=0),
+    no_browser: bool = switch("--no-browser", "Print the address, open nothing."),
 ) -> None:
     """Open a page in the browser: all commands in a window, on this machine alone.
 

@@ -19,7 +19,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, argument, complain, flag, output, say, waiting
+from blurmatte.cli.console import about, answer, argument, complain, output, say, switch, waiting
 from blurmatte.cli.paths import SHEET, check_file, expanded
 from blurmatte.cli.selection import GUESSED, CameraReading, PlateOptions, Reading, matching_of
 
@@ -57,12 +57,8 @@ def info(
         Path | None,
         argument("[FILE]", "A picture, a clip, a layer, a solution, a model, noise or a curve."),
     ] = None,
-    shots: Annotated[
-        bool, flag("--shots", "Of a clip also its shots: all frames are decoded.")
-    ] = False,
-    compile_all: Annotated[
-        bool, flag("--compile", "Compile all kernels now, and keep them.")
-    ] = False,
+    shots: bool = switch("--shots", "Of a clip also its shots: all frames are decoded."),
+    compile_all: bool = switch("--compile", "Compile all kernels now, and keep them."),
     as_json: AsJson = False,
 ) -> None:
     """Describe the contents of FILE; without FILE, versions, extras and platform.

@@ -17,6 +17,7 @@ from blurmatte.cli.console import (
     argument,
     by,
     option,
+    optional,
     output,
     waiting,
     with_progress,
@@ -48,12 +49,8 @@ def noise(
     pictures: Pictures,
     reading: Reading,
     out: Annotated[Path | None, output("Write the noise: .json.")] = None,
-    region: Annotated[
-        str | None, option("X0,Y0,X1,Y1", "Look only there; of one picture, an even part.")
-    ] = None,
-    plate: Annotated[
-        Path | None, option("FILE", "For one picture: the scene without the object.")
-    ] = None,
+    region: str | None = optional("X0,Y0,X1,Y1", "Look only there; of one picture, an even part."),
+    plate: Path | None = optional("FILE", "For one picture: the scene without the object."),
     plot: Plot = None,
     as_json: AsJson = False,
 ) -> None:
@@ -82,11 +79,9 @@ def noise(
 def response(
     pictures: Pictures,
     out: Annotated[Path | None, output("Write the curve: .json.")] = None,
-    exposures: Annotated[
-        str | None, option("T,T,…", "Exposure times, 1/60 or 0.5; else the files'.")
-    ] = None,
+    exposures: str | None = optional("T,T,…", "Exposure times, 1/60 or 0.5; else the files'."),
     plot: Plot = None,
-    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = MAX_PIXELS,
+    max_pixels: int = optional("N", "Refuse larger pictures; 200 million.", default=MAX_PIXELS),
     as_json: AsJson = False,
 ) -> None:
     """Measure the curve of a camera from pictures of a still scene with different exposures."""

@@ -16,11 +16,12 @@ from blurmatte.cli.console import (
     answer,
     argument,
     complain,
-    flag,
     option,
+    optional,
     output,
     say,
     say_json,
+    switch,
     with_progress,
 )
 from blurmatte.cli.paths import check_file, check_folder, check_outputs, expanded, with_folders
@@ -32,14 +33,10 @@ def render(
         list[str] | None, argument("SCENE", "Scene files (TOML), or names of --list.")
     ] = None,
     out: Annotated[Path | None, output("For the pictures and the truth.", "FOLDER")] = None,
-    all_scenes: Annotated[bool, flag("--all", "All scenes that come with blurmatte.")] = False,
-    list_scenes: Annotated[
-        bool, flag("--list", "Print the names of the scenes that come with it.")
-    ] = False,
-    archive: Annotated[
-        bool, flag("--archive", "Forty scenes for other programs, as one .zip.")
-    ] = False,
-    max_pixels: Annotated[int | None, option("N", "Refuse larger scenes; 25 million.")] = None,
+    all_scenes: bool = switch("--all", "All scenes that come with blurmatte."),
+    list_scenes: bool = switch("--list", "Print the names of the scenes that come with it."),
+    archive: bool = switch("--archive", "Forty scenes for other programs, as one .zip."),
+    max_pixels: int | None = optional("N", "Refuse larger scenes; 25 million."),
     as_json: AsJson = False,
 ) -> None:
     """Render a SCENE: pictures to solve, and their true alpha.

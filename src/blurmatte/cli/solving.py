@@ -22,7 +22,6 @@ from blurmatte.cli.console import (
     color_numbers,
     grade_lines,
     in_degrees,
-    option,
     optional,
     output,
     printing,
@@ -33,12 +32,7 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.paths import ROWS, check_file, check_folder, expanded, given_files, with_folders
-from blurmatte.cli.picture_solving import (
-    PictureOptions,
-    check_guess,
-    naming_streaks,
-    solved,
-)
+from blurmatte.cli.picture_solving import PictureOptions, check_guess, naming_streaks, solved
 from blurmatte.cli.quantities import number
 from blurmatte.cli.selection import (
     CameraReading,
@@ -89,9 +83,7 @@ def solve(
     reading: CameraReading,
     clip: ClipOptions,
     how: SolvingOptions,
-    require: Annotated[
-        str | None, option("confirmed|plausible", "Exit code 3 if a grade is lower.")
-    ] = None,
+    require: str | None = optional("confirmed|plausible", "Exit code 3 if a grade is lower."),
     as_json: AsJson = False,
 ) -> None:
     """Separate the moving object in each IMAGE from its background.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, optional, output
+from blurmatte.cli.console import about, optional, output, switch
 from blurmatte.cli.paths import SHEET, check_file, check_outputs, given_files
 from blurmatte.cli.quantities import (
     SIZE,
@@ -42,7 +42,7 @@ class ObjectOptions:
     color: str | None = optional(
         "HEX|FILE.json|any", "Its color; else found in some frames.", OBJECT
     )
-    several: Annotated[bool, flag("--several", "Follow all of that color.", OBJECT)] = False
+    several: bool = switch("--several", "Follow all of that color.", OBJECT)
     least: int | None = optional("N", "Of these: seen in N frames or more; 3.", OBJECT)
 
     def __post_init__(self) -> None:
@@ -141,11 +141,9 @@ def track(
     physics: Physics,
     run: ProcessOptions,
     reading: Reading,
-    plate: Annotated[
-        Path | None, option("FILE", "The scene without it; else made of the clip.")
-    ] = None,
+    plate: Path | None = optional("FILE", "The scene without it; else made of the clip."),
     out: Annotated[Path | None, output("The table: .csv, .json, .parquet or others.")] = None,
-    overlay: Annotated[Path | None, option("FILE", "Draw the paths: .png or .jpg.")] = None,
+    overlay: Path | None = optional("FILE", "Draw the paths: .png or .jpg."),
     as_json: AsJson = False,
 ) -> None:
     """Track the object through CLIP: place, speed and size per frame."""
