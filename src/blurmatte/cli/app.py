@@ -323,9 +323,7 @@ def _texts(value: Any) -> list[str]:
     return [text for text in texts if isinstance(text, str)]
 
 
-def _options_of(
-    function: Callable[..., None],
-) -> tuple[Mapping[str, Any], list[inspect.Parameter]]:
+def _options_of(function: Callable[..., None]) -> tuple[Mapping[str, Any], list[inspect.Parameter]]:
     """The dataclasses among the parameters of a function, and one parameter for each option."""
     groups, parameters = {}, list[inspect.Parameter]()
     for one in inspect.signature(function, eval_str=True).parameters.values():

@@ -14,14 +14,7 @@ import numpy as np
 import blurmatte as bm
 from blurmatte.checks import Floats
 from blurmatte.matting import Solver
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shot,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.rendering.flat_bodies import Sheet, star_sprite
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.rendering.pose import Change

@@ -75,9 +75,7 @@ def stack(
     say(str(out))
 
 
-@command(
-    'paints out/layer.exr --color "#d02020" --color "#2040d0" -o paints/',
-)
+@command('paints out/layer.exr --color "#d02020" --color "#2040d0" -o paints/')
 def paints(
     layer: Layer,
     color: Annotated[list[str], option("HEX", "The color of a paint; repeat for each.")],

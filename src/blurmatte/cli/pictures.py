@@ -32,8 +32,7 @@ def show(
     file: Annotated[Path, argument("FILE", "A picture, a layer or a solution.")],
     reading: Reading,
     out: Annotated[
-        Path | None,
-        output("Write the sheet, open nothing: .png or .jpg.", "SHEET"),
+        Path | None, output("Write the sheet, open nothing: .png or .jpg.", "SHEET")
     ] = None,
 ) -> None:
     """Show FILE on a sheet."""

@@ -24,8 +24,7 @@ FrameRange = Annotated[
     option("START:STOP[:STEP]", "Their numbers, or seconds: 40:52, 2.5s:4s.", None, "--frames"),
 ]
 Region = Annotated[
-    str | None,
-    option("X0,Y0,X1,Y1|FILE", "Where it moved: a box, or a white mask.", OBJECT),
+    str | None, option("X0,Y0,X1,Y1|FILE", "Where it moved: a box, or a white mask.", OBJECT)
 ]
 Occluder = Annotated[
     Path | None, option("FILE", "A mask, white where something is in front.", OBJECT)

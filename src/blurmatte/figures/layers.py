@@ -10,11 +10,7 @@ from blurmatte.background import PlateFit
 from blurmatte.checks import Box, Codes8, check_kind, check_same_size, grown, rows_columns
 from blurmatte.compositing import Exposures
 from blurmatte.deblurring.sharp import Sharp
-from blurmatte.figures.drawing import (
-    fitted,
-    round_up,
-    srgb_codes,
-)
+from blurmatte.figures.drawing import fitted, round_up, srgb_codes
 from blurmatte.figures.motion import draw_path, draw_sharp
 from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, column_width, size_text
 from blurmatte.figures.solution import draw_plate

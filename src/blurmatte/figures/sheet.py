@@ -7,14 +7,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import Codes8, Floats
-from blurmatte.figures.drawing import (
-    Color,
-    Palette,
-    checkerboard,
-    heat_codes,
-    rescaled,
-    srgb_codes,
-)
+from blurmatte.figures.drawing import Color, Palette, checkerboard, heat_codes, rescaled, srgb_codes
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
 
