@@ -28,7 +28,7 @@ from blurmatte.figures.drawing import (
 )
 from blurmatte.figures.sheet import Canvas, Layout, Page, Panel
 from blurmatte.layer import Layer
-from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, by_object
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace
 from blurmatte.motion.clip.summary import ObjectSummary
@@ -146,7 +146,7 @@ def draw_clip(
     found = [row for row in rows if row.sighting is not None]
     picture, enlarged = _paths(plate, found, physics.scales)
     frames, of = len({row.frame for row in found}), len({row.frame for row in rows})
-    sheet, count = Canvas(), len(_objects(found))
+    sheet, count = Canvas(), len(by_object(found))
     several = f"{count} objects, " if count > 1 else ""
     sheet.title(name, f"{several}found in {frames} of {of} frames")
     notes, parts = list[str](), [picture]
@@ -156,7 +156,7 @@ def draw_clip(
         except BlurmatteError as error:
             notes.append(f"No charts: {error}.")
     for part in parts:
-        sheet.picture(part, _legend(_objects(found), enlarged) if part is parts[0] else ())
+        sheet.picture(part, _legend(by_object(found), enlarged) if part is parts[0] else ())
     _draw_mattes(sheet, mattes)
     sheet.sentences([*words, *notes, *_legend_in_words(found, physics)])
     return sheet.pixels()
@@ -219,7 +219,7 @@ def _paths(
     pen = ImageDraw.Draw(picture)
     sights = [row.sighting for row in found if row.sighting is not None and not _doubted(row)]
     enlarged = _enlarged(sights, scale)
-    objects = _objects(found)
+    objects = by_object(found)
     if len(objects) == 1:
         _draw_path(pen, found, scale, Palette.other, Palette.streak, enlarged)
     else:
@@ -251,14 +251,6 @@ def _doubted(row: FrameMotion) -> bool:
 
 def _motion(row: FrameMotion) -> Motion | None:
     return None if row.sighting is None else row.sighting.motion
-
-
-def _objects(found: Sequence[FrameMotion]) -> dict[int, list[FrameMotion]]:
-    """Rows of each object, by its number."""
-    objects: dict[int, list[FrameMotion]] = {}
-    for row in found:
-        objects.setdefault(row.object or 1, []).append(row)
-    return dict(sorted(objects.items()))
 
 
 def _name(number: int) -> str:
@@ -408,7 +400,7 @@ def _coordinate(axis: int, sign: int, number: int, at: Array) -> Array:
 
 def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Chart]:
     """Charts of objects in the picture; in meters from their first place if all have a scale."""
-    firsts = {n: path[0].sighting for n, path in _objects([r for r in rows if r.sighting]).items()}
+    firsts = {n: path[0].sighting for n, path in by_object(rows).items()}
     scaled = bool(firsts) and firsts.keys() <= physics.scales.keys()
 
     def position(axis: int, number: int, at: Array) -> Array:
@@ -466,26 +458,25 @@ def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Codes8:
 def _draw_axes(figure: Any, charts: _Charts, columns: int) -> None:
     """Draw each chart in its place."""
     lines = -(-len(charts.charts) // columns)
-    numbers = sorted({row.object or 1 for row in charts.rows if row.sighting is not None})
     for n, chart in enumerate(charts.charts):
         last = n + columns >= len(charts.charts)
         when = "time, s" if charts.timed else "frame"
         axes = figure.add_subplot(
             lines, columns, n + 1, xlabel=when if last else "", ylabel=chart.label
         )
-        by_object = {k: charts.series(chart, k) for k in numbers}
-        for number, series in by_object.items():
+        curves = {number: charts.series(chart, number) for number in by_object(charts.rows)}
+        for number, series in curves.items():
             _draw_series(axes, series, number)
             if chart.fall is not None and charts.timed:
                 _draw_fall(axes, series, charts.falls.get(number), number, chart.fall)
         if chart.from_zero:
-            believed = [s.believed for s in by_object.values() if len(s.values)]
+            believed = [s.believed for s in curves.values() if len(s.values)]
             highest = max((float(np.quantile(values, 0.95)) for values in believed), default=0.0)
             axes.set_ylim(0, 1.3 * highest + 1e-6)
         if chart.downward:
             axes.invert_yaxis()
         axes.grid()
-        if len(by_object) > 1:
+        if len(curves) > 1:
             axes.legend(title="object", fontsize="small")
 
 

@@ -309,6 +309,15 @@ def grouped(rows: Sequence[FrameMotion], key: Callable[[FrameMotion], Hashable])
     return list(groups.values())
 
 
+def by_object(rows: Iterable[FrameMotion]) -> dict[int, list[FrameMotion]]:
+    """The rows of each object that have a detection, by its number."""
+    objects: dict[int, list[FrameMotion]] = {}
+    for row in rows:
+        if row.sighting is not None:
+            objects.setdefault(row.object or 1, []).append(row)
+    return dict(sorted(objects.items()))
+
+
 def parts_of_tracks(rows: Sequence[FrameMotion]) -> npt.NDArray[np.int_]:
     """Number of each row's track, from 0 in the order of their first rows.
 

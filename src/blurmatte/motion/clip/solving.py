@@ -20,7 +20,7 @@ from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.clip_path import mistake_probability, with_priors
-from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, by_object
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame
 from blurmatte.motion.clip.smoothing import MIN_OUTLIER_PROBABILITY
@@ -271,12 +271,9 @@ def rows_with_priors(
         """What a work finds in some frames, each given alone."""
         return lambda some: successes(workers.over(frames, work, solver.parts(some)))
 
-    wanted, objects = list[FrameMotion](), dict[int, list[FrameMotion]]()
-    for row in rows_to_solve(rows, color_found):
-        if row.sighting is None or not solver.fits_shapes:
-            wanted.append(row)
-        else:
-            objects.setdefault(row.object or 1, []).append(row)
+    wanted = rows_to_solve(rows, color_found)
+    objects = by_object(wanted) if solver.fits_shapes else {}
+    wanted = [row for row in wanted if row.sighting is None] if objects else wanted
     camera, shaped = solver.scene.camera, set[int]()
     delay_std = 0.0 if camera is None else camera.delay_std
     for number, mine in objects.items():
