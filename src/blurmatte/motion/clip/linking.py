@@ -229,15 +229,7 @@ def link_sightings(frames: Iterable[FrameSightings]) -> Rows[FrameMotion]:
     """
     all_frames = _without_artifacts(frames)
     chosen = _chosen(tracks_of(all_frames))
-    radius = _median_radius(chosen)
-    rows = []
-    for index, frame in enumerate(all_frames):
-        mine = [(n, t) for n, t in enumerate(chosen, start=1) if index in t.seen]
-        others = len(frame.found) - 1 + frame.unmeasured
-        rows += [_row(frame, index, t, n, radius, others) for n, t in mine] or [
-            _empty_row(frame, _OFF_TRACK)
-        ]
-    return Rows(_compared(rows))
+    return _linked(all_frames, chosen, [_median_radius(chosen)] * len(chosen), several=False)
 
 
 def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[FrameMotion]:
@@ -275,15 +267,24 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[Frame
         raise ValueError(f"least must be at least 1, got {least}")
     all_frames = _without_artifacts(frames)
     found = [track for track in tracks_of(all_frames, similar=True) if len(track.seen) >= least]
-    radii = [_median_radius([track]) for track in found]
-    rows = []
-    for index, frame in enumerate(all_frames):
-        seen = [n for n, track in enumerate(found) if index in track.seen]
-        others = len(frame.found) - len(seen)
-        rows += [
-            replace(_row(frame, index, found[n], n + 1, radii[n], others), object=n + 1)
-            for n in seen
-        ] or [_empty_row(frame, _NO_TRACK)]
+    return _linked(all_frames, found, [_median_radius([one]) for one in found], several=True)
+
+
+def _linked(
+    frames: Sequence[FrameSightings], tracks: Sequence[Track], radii: Sequence[float], several: bool
+) -> Rows[FrameMotion]:
+    """The rows of tracks, each of them an object if there are several; with the median radii."""
+    rows = list[FrameMotion]()
+    for index, frame in enumerate(frames):
+        mine = [n for n, track in enumerate(tracks) if index in track.seen]
+        others = len(frame.found) - len(mine) + (0 if several else frame.unmeasured)
+        for n in mine:
+            sighting, directed = in_time(index, tracks[n])
+            known = _with_size_doubt(sighting, radii[n]), n + 1, directed, others
+            number = n + 1 if several else 1
+            rows.append(FrameMotion(frame.frame, frame.time, *known, object=number))
+        if not mine:
+            rows.append(_empty_row(frame, _NO_TRACK if several else _OFF_TRACK))
     return Rows(_compared(rows))
 
 
@@ -340,15 +341,6 @@ def _doubt(rows: list[FrameMotion], of: Sequence[int], curve: ClipPath | ClipRad
         sighting = rows[of[k]].sighting
         if sighting is not None and not is_repeat(sighting):
             rows[of[k]] = replace(rows[of[k]], sighting=sighting.with_doubts(curve.doubt(k)))
-
-
-def _row(
-    frame: FrameSightings, index: int, track: Track, number: int, radius: float, others: int
-) -> FrameMotion:
-    """The row of a track in a frame; `radius` is the median of the object."""
-    sighting, directed = in_time(index, track)
-    sighting = _with_size_doubt(sighting, radius)
-    return FrameMotion(frame.frame, frame.time, sighting, number, directed, others, object=1)
 
 
 def _empty_row(frame: FrameSightings, why: str) -> FrameMotion:
