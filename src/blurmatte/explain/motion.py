@@ -10,6 +10,7 @@ from blurmatte.deblurring.spin import Spin
 from blurmatte.explain.numbers import direction, with_article, with_error
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.summary import Scatter
+from blurmatte.motion.picture.error_budget import OverExposure
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.depth import BlurDepth
@@ -282,7 +283,7 @@ def ball_in_words(motion: BallMotion) -> list[str]:
     return [
         f"It was {with_error(motion.depth, motion.depth_std)} m away along the optical axis, and went "
         f"{with_error(motion.length, motion.length_std)} m {_PATHS_IN_SPACE[motion.path]}.",
-        *_speed(motion),
+        _speed(motion),
         f"From ({start}) m to ({end}) m, or the reverse: the picture does not determine the direction "
         "of time. x is right, y down, z forward.",
         _largest_source("distance", motion.depth_parts),
@@ -293,14 +294,17 @@ def ball_in_words(motion: BallMotion) -> list[str]:
 def plane_motion_in_words(motion: PlaneMotion) -> list[str]:
     """Sentences, as of a ball."""
     lines = [f"It went {with_error(motion.length, motion.length_std)} m on the plane."]
-    return [*lines, *_speed(motion), _largest_source("speed", motion.parts), _EITHER_END]
+    return [*lines, _speed(motion), _largest_source("speed", motion.parts), _EITHER_END]
 
 
-def _speed(motion: BallMotion | PlaneMotion) -> list[str]:
+def _speed(
+    motion: OverExposure, unit: str = "m/s", factor: float = 3.6, other: str = "km/h"
+) -> str:
+    """The speed in its unit, and in another one that is `factor` times as small."""
     if motion.exposure_time is None:
-        return [_NO_TIME]
-    kmh = 3.6 * motion.speed, 3.6 * motion.speed_std
-    return [f"Speed: {with_error(motion.speed, motion.speed_std)} m/s, {with_error(*kmh)} km/h."]
+        return _NO_TIME
+    more = with_error(factor * motion.speed, factor * motion.speed_std)
+    return f"Speed: {with_error(motion.speed, motion.speed_std)} {unit}, {more} {other}."
 
 
 def depth_in_words(motion: BlurDepth) -> list[str]:
@@ -325,17 +329,11 @@ def rotation_in_words(motion: Rotation) -> list[str]:
     """Sentences about the angle and its speed."""
     x, y = motion.center
     degrees, std = np.degrees([motion.angle, motion.angle_std])
-    lines = [f"It turned by {with_error(degrees, std)}° about ({x:.1f}, {y:.1f})."]
-    if motion.exposure_time is None:
-        lines.append(_NO_TIME)
-    else:
-        per_minute = 60 / (2 * np.pi)
-        rpm = per_minute * motion.speed, per_minute * motion.speed_std
-        lines.append(
-            f"Speed: {with_error(motion.speed, motion.speed_std)} rad/s, {with_error(*rpm)} turns a "
-            "minute."
-        )
-    return [*lines, "The picture does not determine the sense of rotation."]
+    return [
+        f"It turned by {with_error(degrees, std)}° about ({x:.1f}, {y:.1f}).",
+        _speed(motion, "rad/s", 60 / (2 * np.pi), "turns a minute"),
+        "The picture does not determine the sense of rotation.",
+    ]
 
 
 def spin_in_words(spin: Spin, exposure_time: float | None = None) -> str:
