@@ -253,15 +253,20 @@ def _overlap(a: Box, b: Box) -> bool:
 
 
 @njit()
+def _sum_two_rows(upper, lower, row):  # type: ignore[no-untyped-def]
+    """Sums of two rows (W,) over squares of two values; `row` is (W // 2,) float32."""
+    for x in range(row.size):
+        total = upper[2 * x] + upper[2 * x + 1]
+        total += lower[2 * x]
+        total += lower[2 * x + 1]
+        row[x] = total
+
+
+@njit()
 def sum_pairs(plane, out):  # type: ignore[no-untyped-def]
     """Sums of a plane (H, W) over squares of two values; `out` is (H // 2, W // 2) float32."""
     for y in range(out.shape[0]):
-        upper, lower, row = plane[2 * y], plane[2 * y + 1], out[y]
-        for x in range(out.shape[1]):
-            total = upper[2 * x] + upper[2 * x + 1]
-            total += lower[2 * x]
-            total += lower[2 * x + 1]
-            row[x] = total
+        _sum_two_rows(plane[2 * y], plane[2 * y + 1], out[y])
 
 
 @njit()
@@ -281,15 +286,9 @@ def count_changes(plane, zero, gain, expected, reach, block, counts, sums):  # t
             sums[y, x] = 0
         for i in range(y * block, y * block + block):
             if halved:
-                upper, lower = plane[2 * i], plane[2 * i + 1]
-                for j in range(width):
-                    total = upper[2 * j] + upper[2 * j + 1]
-                    total += lower[2 * j]
-                    total += lower[2 * j + 1]
-                    line[j] = total
+                _sum_two_rows(plane[2 * i], plane[2 * i + 1], line)
             else:
-                for j in range(width):
-                    line[j] = plane[i, j]
+                line[:] = plane[i, :width]
             for x in range(0, width, block):
                 total, count = sums[y, x // block], 0
                 for j in range(x, x + block):
