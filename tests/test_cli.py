@@ -24,7 +24,7 @@ from tests.scenes.texts import BALL
 
 import blurmatte as bm
 from blurmatte.cli.console import ExitCode, swatches
-from blurmatte.explain.grade import grade_in_words
+from blurmatte.explain.solution import grade_in_words
 from blurmatte.matting.summary import Alternative
 from blurmatte.rendering import colorful_plate
 

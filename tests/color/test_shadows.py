@@ -9,7 +9,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import darker_pixels, may_be_shadow
 from blurmatte.errors import ColorModelError
-from blurmatte.explain.grade import doubts
+from blurmatte.explain.solution import doubts
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.maps import Grade
 from blurmatte.rendering import (

@@ -7,7 +7,7 @@ import pytest
 
 from blurmatte.color.model import ColorModel
 from blurmatte.explain import explain
-from blurmatte.explain.grade import (
+from blurmatte.explain.solution import (
     also_moved,
     alternatives_in_words,
     alternatives_of,

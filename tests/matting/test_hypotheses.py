@@ -6,7 +6,7 @@ from benchmarks.accuracy.verdict import FILES, KINDS, draw
 from benchmarks.trials import photograph
 
 import blurmatte as bm
-from blurmatte.explain.grade import grade_in_words
+from blurmatte.explain.solution import grade_in_words
 from blurmatte.matting import Averaged, hypotheses, solve
 from blurmatte.matting.averaging import QUARTILE
 from blurmatte.matting.maps import Grade

@@ -219,7 +219,7 @@ def color_numbers(model: bm.ColorModel) -> dict[str, Any]:
 
 def grade_lines(solution: bm.Solution) -> list[str]:
     """The grade of an answer with its reasons, in a line; none if it has no grade."""
-    from blurmatte.explain.grade import grade_in_words  # imports all of the library
+    from blurmatte.explain.solution import grade_in_words  # imports all of the library
 
     return grade_in_words(solution)
 

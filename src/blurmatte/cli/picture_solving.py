@@ -65,7 +65,7 @@ def solved(
     task: PictureOptions, path: Path, said: list[str]
 ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match, bm.Solution]:
     """One image, its matched plate, the match, and the solution, whose doubts are added to said."""
-    from blurmatte.explain.grade import doubts
+    from blurmatte.explain.solution import doubts
 
     logging.getLogger("blurmatte").info("reading the picture")
     reading = task.selection.reading
@@ -115,7 +115,7 @@ def naming_streaks(
     try:
         yield
     except (bm.errors.ColorModelError, bm.errors.MotionError) as error:
-        from blurmatte.explain.grade import also_moved, as_region
+        from blurmatte.explain.solution import also_moved, as_region
 
         found = [] if streak is not None else bm.find_streaks(image, plate)
         if not found:

@@ -323,7 +323,7 @@ def _required(name: str | None) -> bm.Grade | None:
 
 def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Path) -> list[str]:
     """Alternatives, colors, plate, other streaks, and the sheet."""
-    from blurmatte.explain.grade import also_fits, also_moved
+    from blurmatte.explain.solution import also_fits, also_moved
 
     stats = solution.stats
     color = WITHOUT_HUE if stats.is_gray else in_degrees(solution.model)

@@ -23,7 +23,7 @@ from blurmatte.checks import (
 )
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.explain import explain
-from blurmatte.explain.grade import (
+from blurmatte.explain.solution import (
     alpha_peak,
     alternatives_in_words,
     alternatives_of,

@@ -75,7 +75,7 @@ class OddsTerms:
     shapeless: float = 0.0  # 1 if it has no shape
 
 
-# Subject of each term, a key of `explain.grade`; None if it corrects the claim without a cause.
+# Subject of each term, a key of `explain.solution`; None if it corrects the claim without a cause.
 REASONS = {
     "shapeless": "shape",
     "one_paint": "disagreement",
