@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blurmatte.motion.clip.smoothing import Estimate, Measurements, diffusion, transition
+from blurmatte.motion.clip.smoothing import Estimate, Measurements, transition
 
 TIMES = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 7.0, 8.0])
 
@@ -15,6 +15,17 @@ def measured(rng, std=0.1):
     H[:, 0, 0], H[:, 1, 1] = 1, 0.5
     y = rng.normal(size=(n, 2))
     return Measurements(TIMES, H, y, np.tile(np.diag([std**-2, 4.0]), (n, 1, 1)), 1)
+
+
+def diffusion(h):
+    """Covariance of position, velocity and acceleration after white noise of the third derivative."""
+    return np.array(
+        [
+            [h**5 / 20, h**4 / 8, h**3 / 6],
+            [h**4 / 8, h**3 / 3, h**2 / 2],
+            [h**3 / 6, h**2 / 2, h],
+        ]
+    )
 
 
 def test_states_are_those_of_the_joint_normal_distribution():
@@ -35,7 +46,7 @@ def test_states_are_those_of_the_joint_normal_distribution():
             J = np.zeros((s, n * s))
             J[:, k * s : k * s + s] = -transition(step, 3, 1)
             J[:, k * s + s : k * s + 2 * s] = np.eye(s)
-            H += J.T @ np.linalg.solve(q * diffusion(step, 3, 1), J)
+            H += J.T @ np.linalg.solve(q * diffusion(step), J)
         V = np.linalg.inv(H)
         at = slice(left_out * s, left_out * s + s)
         assert states.mean[left_out] == pytest.approx((V @ g)[at], rel=1e-6, abs=1e-8)

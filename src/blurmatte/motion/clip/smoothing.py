@@ -149,21 +149,13 @@ def transition(step: float, order: int, axes: int) -> Array:
 
 
 @lru_cache(maxsize=1024)
-def diffusion(step: float, order: int, axes: int) -> Array:
-    """Covariance of w for q = 1, (p a, p a)."""
-    left = np.arange(order)[::-1]  # derivatives from each to the noise
-    power = 1 + left[:, None] + left
-    times = scipy.special.factorial(left)
-    Q = step**power / (power * np.outer(times, times))
-    return np.asarray(np.kron(Q, np.eye(axes)), float)
-
-
-@lru_cache(maxsize=1024)
 def _diffusion_root(step: float, order: int, axes: int) -> Array:
     """G with G Gᵀ = Cov w for q = 1, (p a, p a): that of a unit step, scaled."""
-    root = np.linalg.cholesky(diffusion(1.0, order, axes))
+    left = np.arange(order)[::-1]  # derivatives from each to the noise
+    times = scipy.special.factorial(left)
+    unit = 1 / ((1 + left[:, None] + left) * np.outer(times, times))
     powers = np.repeat(step ** (order - np.arange(order) - 0.5), axes)
-    return np.asarray(powers[:, None] * root)
+    return np.asarray(powers[:, None] * np.linalg.cholesky(np.kron(unit, np.eye(axes))))
 
 
 def _carried(
