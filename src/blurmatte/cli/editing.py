@@ -100,8 +100,7 @@ def edit(
         raise ValueError("give a change: --fade, --amplify, --recolor, --expose or --gain")
     wanted = [change_of(name, text) for name, text in asked]
     layer = layer_in(layer)
-    if is_row(Path(layer)) or (own.image is not None and is_row(own.image)):
-        _check_one_layer(layer, looks)
+    if _are_several(layer, looks, own.image):
         if own.image is None:
             edit_row(reading, layer, out, lambda one: _changed_if_any(one, wanted), row)
             return
@@ -170,8 +169,7 @@ def remove(
     """
     layer = layer_in(layer)
     source = Path(layer)
-    if is_row(source) or is_row(image):
-        _check_one_layer(layer, looks)
+    if _are_several(layer, looks, image):
         check_photographed(plate.plate, _NOT_OF_A_ROW)
         scene = reading.read(plate.plate)
 
@@ -223,8 +221,7 @@ def compose(
     asked = changes.in_order(ctx.meta[ORDER])
     wanted = [change_of(name, text) for name, text in asked]
     layer = layer_in(layer)
-    if is_row(Path(layer)):
-        _check_one_layer(layer, looks)
+    if _are_several(layer, looks):
         ground = _behind(reading, over, placement)
 
         def composed(one: bm.Layer) -> bm.LinearImage:
@@ -255,9 +252,12 @@ def _changed_if_any(layer: bm.Layer, wanted: Sequence[Change]) -> bm.Layer:
     return layer if layer.empty else changed(layer, wanted)
 
 
-def _check_one_layer(layer: str, looks: Previews) -> None:
-    if looks.sheet or looks.preview:
+def _are_several(layer: str, looks: Previews, image: Path | None = None) -> bool:
+    """Whether a row of layers is meant, or several pictures, of which there are no previews."""
+    several = is_row(Path(layer)) or (image is not None and is_row(image))
+    if several and (looks.sheet or looks.preview):
         raise ValueError(f"{layer}: --sheet and --preview need one layer, not a sequence")
+    return several
 
 
 def _behind(reading: Reading, over: Path, placement: Placement) -> Background:

@@ -161,9 +161,9 @@ class StaticScene:
 
         return replace(self, color=MatchedFilter.of(self.plate, noisy, self.model))
 
-    def hidden_in(self, box: Box) -> Bools | None:
-        """What is hidden in a box; None for nothing."""
-        hidden = None if self.hidden is None else self.hidden[rows_columns(box)]
+    def hidden_in(self, part: Part) -> Bools | None:
+        """What is hidden in a part; None for nothing."""
+        hidden = None if self.hidden is None else self.hidden[rows_columns(box_in_frame(part))]
         return hidden if hidden is not None and hidden.any() else None
 
     def with_noise(self, image: LinearImage, box: Box) -> LinearImage:

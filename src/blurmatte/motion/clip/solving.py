@@ -172,7 +172,7 @@ class FrameSolver:
                 matching=Matching.NONE,
                 start=start,
                 prior=prior,
-                occluder=self.scene.hidden_in(box_in_frame(part)),
+                occluder=self.scene.hidden_in(part),
             )
 
     @property
@@ -199,7 +199,7 @@ class FrameSolver:
                     streak=streak,
                     start=start,
                     prior=prior,
-                    occluder=own.scene.hidden_in(box_in_frame(part)),
+                    occluder=own.scene.hidden_in(part),
                 )
         except BlurmatteError:
             return None
