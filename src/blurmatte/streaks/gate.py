@@ -35,7 +35,7 @@ _MIN_SAMPLES = 8  # of a σ for each cell
 _CONTRAST_CLASSES = 8  # of the places of one frame
 _QUANTILE = 0.4  # of |d| over the samples
 _QUANTILE_STDS = 0.5244  # that of |x| for standard normal x
-_MARGIN_PX = 32  # around what moved: the rims of a streak are fainter
+MARGIN_PX = 32  # around what moved: the rims of a streak are fainter
 _MIN_MARGIN_RATIO = 0.5  # of the lesser side: most of a box must show the plate
 _GAIN_EVERY_CELLS = 8  # for the gain of a frame
 _MAX_GAIN_CHANGE = 0.005  # of one frame: smaller ones are noise of the median
@@ -227,7 +227,7 @@ def _boxes(moved: Bools, side: int, size: tuple[int, int]) -> tuple[Box, ...]:
     boxes = []
     for y, x in scipy.ndimage.find_objects(labels):
         least = side * min(y.stop - y.start, x.stop - x.start)
-        margin = max(_MARGIN_PX, int(_MIN_MARGIN_RATIO * least))
+        margin = max(MARGIN_PX, int(_MIN_MARGIN_RATIO * least))
         part = x.start * side, y.start * side, x.stop * side, y.stop * side
         boxes.append(grown(part, margin, size))
     return tuple(joined(boxes))

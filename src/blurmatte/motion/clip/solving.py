@@ -29,6 +29,7 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
+from blurmatte.streaks.gate import MARGIN_PX
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
 from blurmatte.sweep.model.path import LINE, PARABOLA, PathFamily
@@ -362,7 +363,7 @@ def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> 
     inside = [box for box in boxes if box[0] <= x < box[2] and box[1] <= y < box[3]]
     if inside:
         return inside[0]
-    reach = 2 * sighting.motion.radius + sighting.motion.length / 2 + 32
+    reach = 2 * sighting.motion.radius + sighting.motion.length / 2 + MARGIN_PX
     return box_from(np.floor(center - reach), np.ceil(center + reach), size)
 
 
