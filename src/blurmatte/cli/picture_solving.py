@@ -22,7 +22,7 @@ class PictureOptions:
     selection: Selection
     occluder: Path | None
     solver: bm.matting.Solver | None
-    matching: bm.background.Matching | None
+    matching: bm.background.Matching | None  # of plates that were taken
 
     def with_plate(
         self, image: bm.LinearImage
@@ -53,10 +53,9 @@ def solved_picture_at(
         check_guess("auto", region, "auto", reading.transfer)
     notes: list[str] = []
     plates = [] if plate == GUESSED else [reading.read(plate, notes)]
-    matching = bm.background.Matching.NONE if plate == GUESSED else None
     selection = Selection(reading, ObjectColor(), region)
     solver = bm.matting.Averaged(opacity=opacity)
-    task = PictureOptions(plates, notes, selection, None, solver, matching)
+    task = PictureOptions(plates, notes, selection, None, solver, None)
     with about(path) as said:
         return solved(task, path, said)[-1]
 

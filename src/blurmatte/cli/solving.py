@@ -123,8 +123,8 @@ def solve(
     selection = replace(selection, reading=reading)
     settings = {"selection": repr(selection), "match": plate.match}
     row = replace(row, settings={**settings, "solver": f"{solver} {how.seconds} {how.opacity}"})
-    matching = bm.background.Matching.NONE if plate.is_guessed else matching_of(plate.match)
-    task = PictureOptions(plates, notes, selection, how.occluder, method, matching)
+    match = matching_of(plate.match)
+    task = PictureOptions(plates, notes, selection, how.occluder, method, match)
     solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
 
 
