@@ -109,8 +109,7 @@ def run(folder, *lines, until, then=None):
         worker = Helper(work, got.append, program, folder)
         for number, words in enumerate(lines, 1):
             shown = tuple(os.path.basename(word) for word in words)
-            renamed = {a: b for a, b in zip(words, shown, strict=True) if a != b}
-            worker.send(Line(number, words, shown, renamed))
+            worker.send(Line(number, words, shown))
         while not any(until(one) for one in got):
             await asyncio.sleep(0.01)
         if then is not None:

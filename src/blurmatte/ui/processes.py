@@ -16,7 +16,7 @@ import threading
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
@@ -191,7 +191,6 @@ class Line:
     job: int
     words: tuple[str, ...]  # behind `blurmatte`
     shown: tuple[str, ...]  # the same as people see it, without private folders
-    renamed: Mapping[str, str]  # of the words that differ, those that are run to those shown
 
 
 @dataclass(frozen=True)
@@ -287,7 +286,7 @@ def _ended(pipe: Connection, program: Program, line: Line, folder: Path) -> Ende
 
 def _renamed(text: str, line: Line) -> str:
     """A text with the names of files as people know them."""
-    for ran, shown in line.renamed.items():
+    for ran, shown in zip(line.words, line.shown, strict=True):
         text = text.replace(ran, shown)
     return text
 

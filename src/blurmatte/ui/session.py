@@ -434,8 +434,7 @@ class Session:
         self._running, waiting.state, waiting.started = waiting, JobState.RUNNING, time.monotonic()
         if self.worker_state is WorkerState.STARTING:
             waiting.step = Step(waiting.number, "getting ready", 0, None, None)
-        renamed = {a: b for a, b in zip(waiting.words, waiting.shown, strict=True) if a != b}
-        self._worker.send(Line(waiting.number, waiting.words, waiting.shown, renamed))
+        self._worker.send(Line(waiting.number, waiting.words, waiting.shown))
 
     def _hear_worker(self, message: Any) -> None:
         """Take what the worker sent."""
