@@ -229,7 +229,9 @@ def link_sightings(frames: Iterable[FrameSightings]) -> Rows[FrameMotion]:
     """
     all_frames = _without_artifacts(frames)
     chosen = _chosen(tracks_of(all_frames))
-    return _linked(all_frames, chosen, [_median_radius(chosen)] * len(chosen), several=False)
+    radii = [one.motion.radius for track in chosen for one in track.seen.values()]
+    usual = [float(np.median(radii))] * len(chosen) if chosen else []
+    return _linked(all_frames, chosen, usual, several=False)
 
 
 def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[FrameMotion]:
@@ -267,7 +269,7 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> Rows[Frame
         raise ValueError(f"least must be at least 1, got {least}")
     all_frames = _without_artifacts(frames)
     found = [track for track in tracks_of(all_frames, similar=True) if len(track.seen) >= least]
-    return _linked(all_frames, found, [_median_radius([one]) for one in found], several=True)
+    return _linked(all_frames, found, [track.radius for track in found], several=True)
 
 
 def _linked(
@@ -350,11 +352,6 @@ def _empty_row(frame: FrameSightings, why: str) -> FrameMotion:
         ignored = why.format(count, "" if count == 1 else "s")
         reason = f"{ignored}; {reason}" if reason else ignored
     return FrameMotion(frame.frame, frame.time, None, others=count, reason=reason)
-
-
-def _median_radius(tracks: Sequence[Track]) -> float:
-    radii = [s.motion.radius for track in tracks for s in track.seen.values()]
-    return float(np.median(radii)) if radii else 0.0
 
 
 def _with_size_doubt(sighting: Sighting, median: float) -> Sighting:
