@@ -274,43 +274,62 @@ def _in_likelier_light(
         return replace(candidates, untried=(*candidates.untried, "other light on the plate"))
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
-    lit = _lighting_of(image, found.plate, found.streak, outside)
-    if lit is None:
-        return candidates
-    lighting, rest = lit
-    before, in_light = found.best_evidence(observation), lighting.lit(observation)
-    is_known = found.observation.is_known_disc
-
-    def in_both(evidence: Evidence) -> list[Evidence]:
-        """Of those found, and of others in that light."""
-        return [before, replace(evidence, cost=evidence.cost + lighting.cost)]
-
-    if is_known and hypothesis_weights(in_both(found.best_evidence(in_light)))[1] < 0.5:
-        return candidates
-    others = fit_before(lighting.on(found.plate), rest)
-    other = others.as_fitted
-    if not lighting.is_possible(other.best.alpha):
-        return candidates
-    weight = hypothesis_weights(in_both(other.best_evidence(in_light)))[1]
+    before = found.best_evidence(observation)
+    rivals = [(before, candidates)]
+    for is_gray in (True, False):
+        lit = _lighting_of(image, found.plate, found.streak, outside, is_gray)
+        if lit is not None:
+            rivals += _in_light(found, observation, *lit, fit_before)
+    best, others = rivals[int(np.argmax(hypothesis_weights([one for one, _ in rivals])))]
+    weight = hypothesis_weights([before, best])[1]
     return others if weight > _MIN_LIGHT_WEIGHT else candidates
 
 
+def _in_light(
+    found: Hypotheses,
+    observation: Observation,
+    lighting: Lighting,
+    rest: Streak,
+    fit_before: Callable[[LinearImage, Streak], "_Candidates"],
+) -> list[tuple[Evidence, "_Candidates"]]:
+    """Candidates before the plate in a light, and their evidence with that light; none if impossible.
+
+    found: before the plate as it is, in the observation.
+    rest: the streak in that light.
+    """
+    in_light = lighting.lit(observation)
+
+    def with_light(evidence: Evidence) -> Evidence:
+        """Of hypotheses in that light, and of the light."""
+        return replace(evidence, cost=evidence.cost + lighting.cost)
+
+    if found.observation.is_known_disc:
+        both = [found.best_evidence(one) for one in (observation, in_light)]
+        if hypothesis_weights([both[0], with_light(both[1])])[1] < 0.5:
+            return []
+    others = fit_before(lighting.on(found.plate), rest)
+    other = others.as_fitted
+    if not lighting.is_possible(other.best.alpha):
+        return []
+    return [(with_light(other.best_evidence(in_light)), others)]
+
+
 def _lighting_of(
-    image: LinearImage, plate: LinearImage, streak: Streak, observation: Observation
+    image: LinearImage, plate: LinearImage, streak: Streak, observation: Observation, is_gray: bool
 ) -> tuple[Lighting, Streak] | None:
     """The light on the plate, estimated without a model of the object, and the streak in that light.
 
-    None if the plate hardly gets darker, or the streak hardly smaller.
+    None if the plate hardly gets darker, the streak hardly smaller, or the light is gray all the same.
     """
-    lighting = fit_lighting(observation)
-    if lighting.change.min() > -_MIN_LOSS:
+    lighting = fit_lighting(observation, is_gray)
+    if lighting.change.min() > -_MIN_LOSS or not (is_gray or lighting.is_colored):
         return None
     rest = _streak_within(streak, image, lighting.on(plate))
     if rest is None:
         return None
     width = half_width_of(rest)
     finer = replace(observation, grain=observation.grain * width / half_width_of(streak))
-    lighting = fit_lighting(finer)
+    lighting = fit_lighting(finer, is_gray)
     rest = _streak_within(streak, image, lighting.on(plate))
     if rest is None or rest.mask.sum() > _MAX_REMAINING_FRACTION * streak.mask.sum():
         return None

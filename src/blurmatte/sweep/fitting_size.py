@@ -182,11 +182,14 @@ class FittingSize:
 
     def _lighting(self, before: LinearImage, after: LinearImage) -> Lighting:
         """The change of light between two plates of means."""
-        B, lit = (np.asarray(p.rgb, float).sum(axis=-1) for p in (before, after))
-        change = np.where(B > 0, lit / np.where(B > 0, B, 1) - 1, 0)
+        B, lit = (np.asarray(p.rgb, float) for p in (before, after))
+        changes = np.where(B > 0, lit / np.where(B > 0, B, 1) - 1, 0)
+        change = changes.mean(axis=-1)
+        hue = np.tensordot(change, changes, 2) / max(float((change**2).sum()), VARIANCE_FLOOR)
         added = np.maximum(after.variance - before.variance, 0).sum(axis=-1)
-        light = np.maximum((np.asarray(before.rgb, float) ** 2).sum(axis=-1), VARIANCE_FLOOR)
-        return Lighting(change, np.sqrt(added / light), 0.0, self.origin, float(self.cell))
+        light = np.maximum(((hue * B) ** 2).sum(axis=-1), VARIANCE_FLOOR)
+        std = np.sqrt(added / light)
+        return Lighting(change, std, 0.0, hue, self.origin, float(self.cell))
 
 
 def _at_least(means: LinearImage, measured: NoiseModel) -> LinearImage:

@@ -1,17 +1,19 @@
 """The light on the plate near an object, as a smooth Gaussian random field of its change.
 
-An object shadows the background and reflects light onto it: the plate is B (1 + ρ) near the object, ρ
-smooth. Lamps are about white, so that ρ is the same in all channels. In this file
-ρ = Σ_j φ_j ρ_j with bilinear hats φ_j around the nodes of a grid over the whole observation,
+An object shadows the background and reflects light onto it: the plate is B (1 + ρ u) near the object,
+ρ smooth. The hue u, three factors with the mean 1, is that of the light that is missing over all light:
+a lamp is seldom as warm as the light around it. In this file ρ = Σ_j φ_j ρ_j with bilinear hats φ_j
+around the nodes of a grid over the whole observation,
 
-    C = (1 + ρ) B + noise
+    C = (1 + ρ u) B + noise
 
 wherever the object is not, and the nodes have the prior density of
 
     Σ (ρ_i − ρ_j)²/(2 τ²) + Σ ρ_j²/(2 κ²),
 
-the first sum over neighbors. κ and τ are estimated as those of colors are (`color_field`); the cost
-includes the volume of the posterior, so that it is what ρ adds to a negative log marginal likelihood.
+the first sum over neighbors. κ and τ are estimated as those of colors are (`color_field`), and u, which
+is about 1, in turn with ρ; the cost includes the volume of the posterior, so that it is what ρ and u
+add to a negative log marginal likelihood.
 """
 
 from dataclasses import dataclass, replace
@@ -33,6 +35,10 @@ _ROUNDS = 6  # of the field, then its amplitude and the pixels' weights
 _FIRST_SPREAD = 0.3
 _FIRST_STEP = 0.15
 _MIN_SPREAD = 1e-4  # of κ and τ
+# Hue u of missing light, 1 + its warmth times this: lamps and skies lie on a line from blue to orange
+_WARM = np.array([1.0, 0.0, -1.0])
+_WARMTH_STD = 0.2  # of a lamp before other light
+_MIN_HUE = 0.01  # of u from 1: less changes no light by more than noise
 # Of ρ
 _MIN_CHANGE = -0.95
 _MAX_CHANGE = 0.5
@@ -42,14 +48,21 @@ _PITCH = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """The change ρ of the plate's light in an observation."""
+    """The change ρ u of the plate's light in an observation."""
 
     # (h, w) float: ρ in the observation's pixels, and its standard deviation given its neighbors
     change: Array
     std: Array
-    cost: float  # negative log prior density of its nodes, and the log volume of their posterior
+    # Negative log prior density of its nodes and of its hue, and the log volume of their posterior
+    cost: float
+    hue: Array  # (3,) u
     origin: tuple[float, float]  # where the center of pixel (0, 0) is, in pixels of the picture
     scale: float  # width of a pixel, in pixels of the picture
+
+    @property
+    def is_colored(self) -> bool:
+        """Whether its hue is not that of all light."""
+        return bool(np.abs(self.hue - 1).max() > _MIN_HUE)
 
     def is_possible(self, alpha: Array) -> bool:
         """True if an object of this alpha can cause this change.
@@ -60,15 +73,16 @@ class Lighting:
 
     def lit(self, observation: Observation) -> Observation:
         """An observation of the same pixels with the plate in this light."""
-        factor = (1 + self.change)[..., None]
-        variance = observation.B_variance + (self.std[..., None] * observation.B) ** 2
-        return replace(observation, B=factor * observation.B, B_variance=variance)
+        B, by_change = observation.B, self.hue * observation.B
+        variance = observation.B_variance + (self.std[..., None] * by_change) ** 2
+        return replace(observation, B=B + self.change[..., None] * by_change, B_variance=variance)
 
     def on(self, plate: LinearImage) -> LinearImage:
         """The plate in this light; pixels outside of the observation do not change."""
         change, std = (self._in_picture(x, plate) for x in (self.change, self.std))
-        B = plate.rgb * (1 + change)[..., None]
-        variance = plate.variance + (std[..., None] * plate.rgb) ** 2
+        by_change = self.hue * plate.rgb
+        B = plate.rgb + change[..., None] * by_change
+        variance = plate.variance + (std[..., None] * by_change) ** 2
         kind = plate.rgb.dtype
         return replace(plate.with_noise(variance.astype(kind)), rgb=B.astype(kind))
 
@@ -85,38 +99,59 @@ class Lighting:
         return found
 
 
-def fit_lighting(observation: Observation) -> Lighting:
+def fit_lighting(observation: Observation, is_gray: bool = True) -> Lighting:
     """The change of the plate's light, estimated without a model of the object.
 
     Pixels of another hue than the plate's show the object and have little influence. The
-    observation has the plate as it was without the object.
+    observation has the plate as it was without the object. If the change is gray, its hue is 1.
     """
     shape = observation.weight.shape
     pitch = _PITCH * observation.pitch
     grid = Grid.over(np.ones(shape), pitch)
-    light = observation.C, observation.B, observation.C_variance, observation.B_variance
+    C, B, V = observation.C, observation.B, observation.C_variance + observation.B_variance
     differences, n = grid.differences(), grid.size
     prior, nodes = np.empty((grid.width, n)), np.empty(n)
-    spread, step, cost = _FIRST_SPREAD, _FIRST_STEP, 0.0
+    spread, step, cost, of_hue = _FIRST_SPREAD, _FIRST_STEP, 0.0, 0.0
     chi2, change, std = np.empty(shape), np.empty(shape), np.empty(shape)
-    _chi2_of_best(*light, chi2)
+    hue, G = np.ones(3), B
+    _chi2_of_best(C, B, G, V, chi2)
     for _ in range(_ROUNDS):
         weight = observation.weight * student_weight(chi2, observation.channels)
         band, right = np.zeros((grid.width, n)), np.zeros(n)
-        _equations(*light, weight, pitch, grid.number, band, right)
+        _equations(C, B, G, V, weight, pitch, grid.number, band, right)
         cost, _, _ = fit_axis(band, right, differences, spread, step, False, prior, nodes)
         clipped = np.clip(nodes, _MIN_CHANGE, _MAX_CHANGE)
         _values(pitch, grid.number, clipped, change)
-        _chi2(*light, change, chi2)
+        if not is_gray:
+            hue, of_hue = _hue_of(C - B, change[..., None] * B, weight[..., None] / V)
+            G = hue * B
+        _chi2(C, B, G, V, change, chi2)
         _values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
         away, steps = scales(band, prior, nodes, 0.0, grid.neighbors, EVEN)
         spread, step = (max(float(x), _MIN_SPREAD) for x in (away, steps))
-    return Lighting(change, std, float(cost), observation.origin, observation.scale)
+    cost = float(cost) + of_hue
+    return Lighting(change, std, cost, hue, observation.origin, observation.scale)
+
+
+def _hue_of(lost: Array, by_hue: Array, weight: Array) -> tuple[Array, float]:
+    """The likeliest hue (3,) of lost = hue by_hue, (h, w, 3) each, and its part of the cost.
+
+    That is its prior density and the log volume of its posterior, over that of its prior.
+    """
+    by_warmth = by_hue * _WARM
+    known = float((weight * by_warmth**2).sum()) + _WARMTH_STD**-2
+    warmth = float((weight * by_warmth * (lost - by_hue)).sum()) / known
+    warmth = float(np.clip(warmth, -1, 1))
+    cost = (warmth / _WARMTH_STD) ** 2 / 2 + np.log(known * _WARMTH_STD**2) / 2
+    return 1 + warmth * _WARM, float(cost)
 
 
 @njit()
-def _equations(C, B, V_C, V_B, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
-    """Add the nodes' normal equations: lower band (width, n) and right side (n,)."""
+def _equations(C, B, G, V, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
+    """Add the nodes' normal equations: lower band (width, n) and right side (n,).
+
+    G (h, w, 3) is the change of light by ρ, and V the variance of the noise.
+    """
     nodes, hats = np.empty(4, np.int64), np.empty(4)
     for y in range(weight.shape[0]):
         for x in range(weight.shape[1]):
@@ -124,9 +159,8 @@ def _equations(C, B, V_C, V_B, weight, pitch, number, band, right):  # type: ign
                 continue
             s, t = 0.0, 0.0
             for c in range(3):
-                V = V_C[y, x, c] + V_B[y, x, c]
-                s += B[y, x, c] ** 2 / V
-                t += B[y, x, c] * (C[y, x, c] - B[y, x, c]) / V
+                s += G[y, x, c] ** 2 / V[y, x, c]
+                t += G[y, x, c] * (C[y, x, c] - B[y, x, c]) / V[y, x, c]
             corners(y, x, pitch, number, nodes, hats)
             for i in range(4):
                 w = weight[y, x] * hats[i]
@@ -149,25 +183,25 @@ def _values(pitch, number, at_nodes, out):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def _chi2(C, B, V_C, V_B, change, out):  # type: ignore[no-untyped-def]
+def _chi2(C, B, G, V, change, out):  # type: ignore[no-untyped-def]
     """Write the sum of the three squared residuals (h, w), given the change (h, w) of light."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             out[y, x] = 0.0
             for c in range(3):
-                e = C[y, x, c] - B[y, x, c] * (1 + change[y, x])
-                out[y, x] += e * e / (V_C[y, x, c] + V_B[y, x, c])
+                e = C[y, x, c] - B[y, x, c] - G[y, x, c] * change[y, x]
+                out[y, x] += e * e / V[y, x, c]
 
 
 @njit()
-def _chi2_of_best(C, B, V_C, V_B, out):  # type: ignore[no-untyped-def]
+def _chi2_of_best(C, B, G, V, out):  # type: ignore[no-untyped-def]
     """As `chi2` for the best change of each pixel: the residual is light of other hues."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             s, t, total = 1e-30, 0.0, 0.0
             for c in range(3):
-                V, e = V_C[y, x, c] + V_B[y, x, c], C[y, x, c] - B[y, x, c]
-                s += B[y, x, c] ** 2 / V
-                t += B[y, x, c] * e / V
-                total += e * e / V
+                w, e = 1 / V[y, x, c], C[y, x, c] - B[y, x, c]
+                s += G[y, x, c] ** 2 * w
+                t += G[y, x, c] * e * w
+                total += e * e * w
             out[y, x] = max(total - t * t / s, 0.0)
