@@ -1,8 +1,11 @@
 """Picture files as stored: numbers, channel names and tags, read without conversion.
 
-Sizes and formats are checked before memory is allocated.
+Sizes and formats are checked before memory is allocated. OpenImageIO reads most formats; Pillow and
+libheif (the extra `heic`) decode WebP, AVIF and HEIC. These are lossy, in most files with subsampled
+chroma; how they quantize is not read.
 """
 
+import io
 import math
 import mmap
 import re
@@ -17,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import AnyArray, Bools, Floats32
-from blurmatte.errors import FileError, warn
+from blurmatte.errors import FileError, optional_library, warn
 from blurmatte.files import fits
 from blurmatte.files.errors import (
     check_format,
@@ -30,9 +33,21 @@ from blurmatte.files.errors import (
     wanted_channels,
 )
 from blurmatte.files.exif import EXIF_MARK, Tag, TiffTag, fractions, nested, numbers, parse_tags
-from blurmatte.files.photos import decoded
+from blurmatte.files.icc import H273
 from blurmatte.files.png import PngHeader, check_png, inspect_png
-from blurmatte.formats import BMP, EXR, FITS, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
+from blurmatte.formats import (
+    AVIF,
+    BMP,
+    EXR,
+    FITS,
+    HEIC,
+    JPEG,
+    MAX_PIXELS,
+    PNG,
+    RAW,
+    TIFF,
+    Format,
+)
 from blurmatte.jpeg.structure import JpegError, check_header, metadata_segments
 from blurmatte.radiometry.sensor import Orientation, exif_orientation
 
@@ -60,6 +75,8 @@ _METHODS = {"34712": "JPEG 2000", "50002": "JPEG XL", "52546": "JPEG XL"}
 IS_SRGB = 1  # value of the EXIF tag ColorSpace
 DCF, PRIMARIES = "DCF", "primaries"  # our names of tags of EXIF that OpenImageIO does not give
 CICP = "CICP"  # and of the primaries, curve, matrix and range of AVIF and HEIC, by ITU-T H.273
+# What Pillow and libheif raise for damaged files.
+_DAMAGE = OSError, SyntaxError, ValueError, LookupError, EOFError, RuntimeError, TypeError
 _JFIF_ASPECT = 0  # unit of JFIF's densities: they are the shape of a pixel [JFIF 1.02]
 _MAX_DENOMINATOR = 1000  # of the shape of pixels, which files state as rounded numbers
 _REDUCED_OR_MASK = 1 | 4  # bits of tiff:subfiletype: a smaller copy of another page, or its mask
@@ -166,18 +183,88 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
 
 
 def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
-    """A WebP, AVIF or HEIC."""
-    photo = decoded(path, form, max_pixels)
-    tags: dict[str, Any] = {"oiio:UnassociatedAlpha": 1}
-    tags |= {"ICCProfile": photo.profile} if photo.profile else {}
-    tags |= {CICP: photo.cicp} if photo.cicp else {}
-    tags |= _of_exif(photo.exif, 0, alone=True)
-    (pixels,) = _upright((photo.pixels,), tags)
-    inside = np.ones(pixels.shape[:2], bool)
+    """A WebP, AVIF or HEIC, whose alpha is straight; a HEIC is decoded upright.
+
+    Raises FileError if the file is damaged or an animation, or the extra is not installed.
+    """
+    content = path.read_bytes()
+    try:
+        source = _opened_photo(path, form, content)
+        check_size(path, source.size, max_pixels)
+        pixels = _pixels_of_photo(source)
+    except FileError:
+        raise
+    except _DAMAGE as error:
+        raise damaged(path, form, [str(error)]) from error
+    info, bits = source.info, int(source.info.get("bit_depth") or 8)
+    if pixels.dtype == np.uint16:  # from `bits` to the whole range
+        top = 2**bits - 1
+        pixels = ((pixels.astype(np.uint32) * 65535 + top // 2) // top).astype(np.uint16)
+    exif = (info.get("exif") or b"").removeprefix(EXIF_MARK)
+    stated = {"ICCProfile": info.get("icc_profile"), CICP: _cicp_of_photo(form, content)}
+    tags = {"oiio:UnassociatedAlpha": 1, **{name: value for name, value in stated.items() if value}}
+    tags |= _of_exif(exif, 0, alone=True)
+    (pixels,) = _upright((pixels,), tags)
+    names = {1: ("Y",), 2: ("Y", "A"), 3: tuple("RGB"), 4: tuple("RGBA")}[pixels.shape[2]]
+    inside, subsampled = np.ones(pixels.shape[:2], bool), _shares_chroma(form, content, info)
     return Raster(
-        *(path, form, pixels, photo.names, inside, tags, None, 0),
-        *(photo.bits, photo.subsampled, photo.exif, photo.xmp),
+        *(path, form, pixels, names, inside, tags, None, 0),
+        *(bits, subsampled, exif, info.get("xmp") or b""),
     )
+
+
+def _opened_photo(path: Path, form: Format, content: bytes) -> Any:
+    """An image of Pillow or of pillow-heif, not decoded."""
+    if form is HEIC:
+        return _opened_heic(path, content)
+    from PIL.AvifImagePlugin import AvifImageFile
+    from PIL.WebPImagePlugin import WebPImageFile
+
+    source = (AvifImageFile if form is AVIF else WebPImageFile)(io.BytesIO(content))
+    if getattr(source, "n_frames", 1) > 1:
+        raise FileError(f"{path}: export its frames as PNG; it is an animation ({form})")
+    return source
+
+
+def _opened_heic(path: Path, content: bytes) -> Any:
+    install = 'pip install "blurmatte[heic]", or export it as PNG or JPEG'
+    needed = f"{path}: {install}; HEIC needs pillow-heif"
+    pillow_heif = optional_library("pillow_heif", needed, FileError)
+    images = pillow_heif.open_heif(content, convert_hdr_to_8bit=False, hdr_to_16bit=False)
+    if len(images) > 1:
+        warn(
+            f"{path}: export another one if that is meant; it holds {len(images)} pictures, and the "
+            "main one is read"
+        )
+    source = images[images.primary_index]
+    pillow_heif.set_orientation(source.info)  # libheif has turned the picture
+    return source
+
+
+def _pixels_of_photo(source: Any) -> AnyArray:
+    """(H, W, n) code values as stored."""
+    if source.mode == "P" or source.mode.split(";")[0] in ("RGBa", "La"):
+        raise ValueError(f"its colors ({source.mode}) are not supported")
+    pixels = np.array(source)
+    return pixels if pixels.ndim == 3 else pixels[..., None]
+
+
+def _shares_chroma(form: Format, content: bytes, info: dict[str, Any]) -> bool:
+    if form is HEIC:
+        return info.get("chroma") in (420, 422)
+    if form is AVIF:
+        at = content.find(b"av1C") + 6  # flags of the configuration [AV1-ISOBMFF 2.3.3]
+        return 6 <= at < len(content) and content[at] & 0b1100 > 0
+    return b"VP8 " in content  # VP8L is lossless
+
+
+def _cicp_of_photo(form: Format, content: bytes) -> tuple[int, ...]:
+    """What the color box of an AVIF or HEIC states; its matrix and range are undone when decoded."""
+    at = content.find(b"colrnclx") + 8
+    if form not in (AVIF, HEIC) or at < 8 or len(content) < at + 4:
+        return ()
+    primaries, curve = struct.unpack_from(">2H", content, at)
+    return () if H273.UNSPECIFIED in (primaries, curve) else (primaries, curve, 0, 1)
 
 
 def _stored(
