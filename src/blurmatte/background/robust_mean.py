@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 
 from blurmatte.background import robust_mean_kernel as kernel
-from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, size_error
+from blurmatte.background.samples import Samples, fit_gain, gain_grid, size_error
 from blurmatte.checks import AnyArray, Floats, Indices, Ints32
 from blurmatte.radiometry import LinearImage
 
@@ -168,7 +168,7 @@ class Sums:
 
 
 def sum_frames(
-    frames: Iterable[LinearImage | Band],
+    frames: Iterable[LinearImage],
     modes: Modes,
     count: int,
     gains: Sequence[Floats] | None = None,
@@ -182,7 +182,7 @@ def sum_frames(
     length = max(1, -(-count // _BATCHES))
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
         for number, frame in enumerate(_prefetched(frames)):
-            if isinstance(frame, LinearImage) and frame.rgb.shape != modes.light.shape:
+            if frame.rgb.shape != modes.light.shape:
                 raise ValueError(size_error(frame, number, modes.near.shape[::-1]))
             gain = None if gains is None else gains[number]
             if gain is None:
@@ -195,7 +195,7 @@ def sum_frames(
     return sums
 
 
-def _prefetched(frames: Iterable[LinearImage | Band]) -> Iterator[LinearImage | Band]:
+def _prefetched(frames: Iterable[LinearImage]) -> Iterator[LinearImage]:
     """The same frames; a thread reads the next one while the last is in use."""
     source = iter(frames)
     with ThreadPoolExecutor(1) as reader:
@@ -215,7 +215,7 @@ def _gain_pixels(modes: Modes) -> tuple[Floats, Floats, tuple[Indices, ...]]:
 
 
 def _add(
-    sums: Sums, frame: LinearImage | Band, modes: Modes, precision: Floats, pool: ThreadPoolExecutor
+    sums: Sums, frame: LinearImage, modes: Modes, precision: Floats, pool: ThreadPoolExecutor
 ) -> None:
     """Add a frame at the pixels that agree with the mode and are not in the rim of a moving object."""
     gain, light = sums.gain[-1].astype(np.float32), np.asarray(frame.rgb, np.float32)

@@ -26,15 +26,6 @@ def look_up(codes, tables, out):  # type: ignore[no-untyped-def]
                 out[y, x, c] = tables[c, codes[y, x, c]]
 
 
-@njit(fastmath=FAST_MATH)
-def find_unclipped(codes, white, valid):  # type: ignore[no-untyped-def]
-    """Write where all channels of codes (h, w, 3) are below white."""
-    for y in range(codes.shape[0]):
-        for x in range(codes.shape[1]):
-            below = codes[y, x, 0] < white and codes[y, x, 1] < white
-            valid[y, x] = below and codes[y, x, 2] < white
-
-
 @njit(inline="always", fastmath=FAST_MATH)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
     x = max(light, ZERO)

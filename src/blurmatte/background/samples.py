@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.calibration import fit_noise
-from blurmatte.checks import Bools, Box, Floats
+from blurmatte.checks import Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import (
     CodingError,
@@ -48,14 +48,6 @@ LightOf = Callable[[Box, int], LinearImage]
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
-    """Some rows of a sample: light (h, W, 3) float32, and valid (h, W) pixels."""
-
-    rgb: Floats
-    valid: Bools
-
-
-@dataclass(frozen=True, eq=False)
 class SampledLight:
     """Light of each sample: (H, W, 3) float32, as read, gain included."""
 
@@ -70,17 +62,12 @@ class SampledLight:
     def rows(self, k: int, rows: slice) -> LinearImage:
         """Some rows of a sample."""
         start, stop, step = rows.indices(self.size[1])
-        if not self.codes:
-            whole = self.parts[k]((0, start, self.size[0], stop), 1)
-            return LinearImage(whole.rgb[::step], valid=whole.valid[::step], meta=whole.meta)
-        band = self._decoded(k, rows)
-        meta = self.parts[k]((0, start, 1, start + 1), 1).meta
-        return LinearImage(band.rgb, valid=band.valid, meta=meta)
+        whole = self.parts[k]((0, start, self.size[0], stop), 1)
+        return LinearImage(whole.rgb[::step], valid=whole.valid[::step], meta=whole.meta)
 
-    def bands(self, rows: slice) -> Iterator[LinearImage | Band]:
+    def bands(self, rows: slice) -> Iterator[LinearImage]:
         """Some rows of each sample."""
-        for k in range(len(self)):
-            yield self._decoded(k, rows) if self.codes else self.rows(k, rows)
+        return (self.rows(k, rows) for k in range(len(self)))
 
     def write(self, k: int, rows: slice, gain: Floats, out: Floats) -> None:
         """Write some rows (h, W, 3) of a sample over its gain (3,)."""
@@ -90,14 +77,6 @@ class SampledLight:
         one = self.codes[k]
         codes = np.ascontiguousarray(one.codes[rows])
         kernel.look_up(codes, one.table / gain[:, None], out)
-
-    def _decoded(self, k: int, rows: slice) -> Band:
-        """Some rows of a sample of codes."""
-        codes = np.ascontiguousarray(self.codes[k].codes[rows])
-        band = Band(np.empty(codes.shape, np.float32), np.empty(codes.shape[:2], bool))
-        self.write(k, rows, np.ones(3, np.float32), band.rgb)
-        kernel.find_unclipped(codes, self.codes[k].white, band.valid)
-        return band
 
 
 @dataclass(frozen=True, eq=False)

@@ -274,7 +274,7 @@ class _LightOf:
         """The code values of the frame, which are kept."""
         if self.codes is None:
             self.codes, self.frame = _codes(self.clip, self.frame), None
-        return RgbCodes(self.codes, _table(self.clip), _clipped_from(self.clip))
+        return RgbCodes(self.codes, _table(self.clip))
 
 
 def _is_planar(frame: Any) -> bool:
@@ -398,14 +398,9 @@ def _usual_matrix(frame: Any) -> int:
 
 def _unclipped(clip: Clip, codes: AnyArray) -> Bools:
     """(H, W) True where no channel is white."""
-    white = _clipped_from(clip)
+    white = clip.white - (clip.white >> (clip.bits + 1))  # less half a step of the file's bits
     red, green, blue = (codes[..., c] < white for c in range(3))
     return np.asarray(red & green & blue)
-
-
-def _clipped_from(clip: Clip) -> int:
-    """The least code value of white."""
-    return clip.white - (clip.white >> (clip.bits + 1))  # less half a step of the file's bits
 
 
 def _curve(path: Path, frame: Any, transfer: Transfer | None) -> Transfer:

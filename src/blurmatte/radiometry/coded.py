@@ -33,13 +33,10 @@ class RgbCodes:
     codes : (H, W, 3) uint8 or uint16
     table : (n,) float32
         Linear light of each code value, the same for all channels.
-    white : int
-        Pixels with a channel of this value or more are clipped.
     """
 
     codes: npt.NDArray[np.unsignedinteger]
     table: Floats32
-    white: int
 
 
 @dataclass(frozen=True, eq=False)
