@@ -16,6 +16,7 @@ from blurmatte.background.camera_motion import CameraMotionError, check_static_c
 from blurmatte.background.parallax import camera_path
 from blurmatte.background.registration import CameraPath, FramesOnCanvas, show_one_scene
 from blurmatte.background.robust_mean import (
+    VARIANCE_WINDOW_PX,
     Modes,
     Sums,
     find_modes,
@@ -23,6 +24,7 @@ from blurmatte.background.robust_mean import (
     gains_of_samples,
     sum_frames,
 )
+from blurmatte.background.robust_mean_kernel import RIM_PX
 from blurmatte.background.samples import CutError, Samples, frame_name, take_samples
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
@@ -47,11 +49,9 @@ MAX_ON_CANVAS = 60  # frames of a moving camera of which a plate is made
 _MAJORITY = 0.55  # of the frames: such a mode is the plate; a rarer one needs
 _MAX_RIVAL_RATIO = 0.35  # its rival to be rarer still: it may be an object at rest
 _MAX_CLIPPED_FRACTION = 0.01  # of the free frames; with more, the mean is too dark
-_VARIANCE_WINDOW_PX = 5
 _VARIANCE_WINDOW_FRAMES = 16  # weight of the window's variance against the pixel's own
 _CORRELATION_WINDOW_PX = 33  # over which the correlation of noise in time is constant
 _BAND_PIXELS = 160_000  # estimated at a time
-_BAND_OVERLAP_PX = 19  # half the larger window, and what marks moving rims
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,13 +243,11 @@ def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     file = _CodeError(samples.light.rows(0, slice(0, 1)).meta, coding)
     light, noise = np.empty((2, height, width, 3), np.float32)
     shared = None if file.coding is None else np.empty_like(light)
+    overlap = _CORRELATION_WINDOW_PX // 2 + RIM_PX + 1  # and what marks moving rims
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
     for start in range(0, height, rows := max(_BAND_PIXELS // width, 1)):
         inner = slice(start, min(start + rows, height))
-        outer = slice(
-            max(inner.start - _BAND_OVERLAP_PX, 0),
-            min(inner.stop + _BAND_OVERLAP_PX, height),
-        )
+        outer = slice(max(inner.start - overlap, 0), min(inner.stop + overlap, height))
         modes = find_modes(samples, restless, outer)
         sums = sum_frames(samples.light.bands(outer), modes, samples.count, gains)
         part = slice(inner.start - outer.start, inner.stop - outer.start)
@@ -333,7 +331,7 @@ class _Windows:
         """Those of known pixels."""
         n = np.maximum(sums.counts[..., 1], 2).astype(float)
         usable = known & (n**2 > 1.5 * sums.batch_counts)
-        own = _Window.of((n - 1) * known, _VARIANCE_WINDOW_PX)
+        own = _Window.of((n - 1) * known, VARIANCE_WINDOW_PX)
         return cls(n, usable, own, _Window.of(1.0 * usable, _CORRELATION_WINDOW_PX))
 
 

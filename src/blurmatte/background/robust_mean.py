@@ -19,11 +19,9 @@ from blurmatte.checks import AnyArray, Floats, Indices, Ints32
 from blurmatte.radiometry import LinearImage
 
 # Mode of the samples, and the frames that are summed.
-_MIN_RIVAL_RATIO = 0.25  # samples beyond the mode over those of it; with fewer, no rival
-_RESTLESSNESS_WINDOW_PX = 5  # over which the variance inflation λ of a place is averaged
+VARIANCE_WINDOW_PX = 5  # over which the variance of a frame is averaged, and its inflation λ
 _MAX_RESTLESSNESS = 25.0  # λ: five times the noise; beyond it, something moves
 _STRIP_ROWS = 8  # whose samples are in memory at a time
-_RIM_PX = 2  # around a moving object: its rim is fainter than the noise
 _BATCHES = 8  # of consecutive frames, for the correlation of noise in time
 _MIN_MODE_FRACTION = 0.5  # of the largest `near`, at pixels that determine the gain
 
@@ -63,7 +61,7 @@ def find_restlessness(samples: Samples) -> Floats:
                 coded[rows] += variance / (3 * noise_variance[..., c])
 
     _over_strips(samples, slice(0, height), inflation)
-    restless = scipy.ndimage.uniform_filter(restless, _RESTLESSNESS_WINDOW_PX)
+    restless = scipy.ndimage.uniform_filter(restless, VARIANCE_WINDOW_PX)
     return np.asarray(np.maximum(np.clip(restless, 1, _MAX_RESTLESSNESS), coded))
 
 
@@ -77,7 +75,7 @@ def find_modes(samples: Samples, restless: Floats, rows: slice) -> Modes:
         """Mode, its rival, and the number of samples near it, of a strip."""
         to = slice(strip.start - rows.start, strip.stop - rows.start)
         results = light[to].reshape(-1, 3), rival[to].reshape(-1, 3), near[to].reshape(-1)
-        _find_modes(flat, samples, restless[strip].reshape(-1), results)
+        kernel.find_modes(flat, _coefficients(samples), restless[strip].reshape(-1), *results)
 
     _over_strips(samples, rows, mode)
     return Modes(light, rival, near, samples.noise.variance(light) * restless[rows][..., None])
@@ -89,19 +87,12 @@ def gains_of_samples(samples: Samples, restless: Floats) -> list[Floats]:
     light, rival = np.empty((2, len(there), 3), np.float32)
     near = np.empty(len(there), np.int32)
     flat = np.moveaxis(samples.few, 1, -1) / samples.gain[:, None]
-    _find_modes(np.ascontiguousarray(flat, np.float32), samples, there, (light, rival, near))
+    flat = np.ascontiguousarray(flat, np.float32)
+    kernel.find_modes(flat, _coefficients(samples), there, light, rival, near)
     sure = near >= _MIN_MODE_FRACTION * near.max()
     variance = samples.noise.variance(light) * there[:, None]
     static, variance = (a[sure].T.astype(float) for a in (light, variance))
     return [fit_gain(x[:, sure], static, variance) for x in samples.few]
-
-
-def _find_modes(
-    flat: Floats, samples: Samples, restless: Floats, results: tuple[AnyArray, ...]
-) -> None:
-    """Write mode, rival and number of samples near the mode of (frames, pixels, 3) light."""
-    ratio = np.float32(_MIN_RIVAL_RATIO)
-    kernel.find_modes(flat, _coefficients(samples), restless, ratio, *results)
 
 
 def _coefficients(samples: Samples) -> tuple[np.float32, ...]:
@@ -240,5 +231,5 @@ def _add(
     edges = np.linspace(0, len(off), (cpu_count() or 1) + 1).astype(int)
     strips = [slice(a, b) for a, b in pairwise(edges)]
     list(pool.map(mark, strips))
-    kernel.mark_rims(off, _RIM_PX, near)
+    kernel.mark_rims(off, near)
     list(pool.map(gather, strips))

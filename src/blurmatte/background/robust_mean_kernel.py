@@ -13,6 +13,8 @@ from blurmatte.compiling import FAST_MATH, ONE, TWO, ZERO, njit
 
 _NEAR = np.float32(16)  # D of agreeing lights; noise exceeds it once in 900 times
 _CLOSE = np.float32(4)  # D of the densest samples: slowly moving light has fewer of them
+_MIN_RIVAL_RATIO = np.float32(0.25)  # samples beyond the mode over those of it; else no rival
+RIM_PX = 2  # around a moving object: its rim is fainter than the noise
 UNSEEN = -8192.0  # light of pixels that a frame does not show; exact in half precision
 MIN_SEEN = np.float32(-1024)  # that of any other, over its gain
 
@@ -123,11 +125,11 @@ def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untype
 
 
 @njit(fastmath=FAST_MATH)
-def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  # type: ignore[no-untyped-def]
+def find_modes(samples, noise, restless, mode, rival, near):  # type: ignore[no-untyped-def]
     """Write the mean of the densest samples of each pixel, and of the densest of the others.
 
     samples is (K, n, 3), noise nine coefficients, restless (n,) λ, mode and rival (n, 3), near (n,) the
-    number of samples of the mode. The rival is -1 if at most `min_rival_ratio` of that number remain.
+    number of samples of the mode. The rival is -1 if hardly any others remain.
     """
     most = samples.shape[0]
     x, y, z = np.zeros(most, np.float32), np.zeros(most, np.float32), np.zeros(most, np.float32)
@@ -142,7 +144,7 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
         a, b, c, n, left = _settle(x, y, z, count, noise, restless[i], at, far)
         mode[i, 0], mode[i, 1], mode[i, 2], near[i] = a, b, c, n
         rival[i, 0], rival[i, 1], rival[i, 2] = -ONE, -ONE, -ONE
-        if left > min_rival_ratio * n:
+        if left > _MIN_RIVAL_RATIO * n:
             at = _best(x, y, z, left, noise, restless[i])
             a, b, c, n, left = _settle(x, y, z, left, noise, restless[i], at, far)
             rival[i, 0], rival[i, 1], rival[i, 2] = a, b, c
@@ -162,8 +164,8 @@ def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
-    """Mark pixels at most `reach` from one whose 3 x 3 neighborhood mostly disagrees with the mode.
+def mark_rims(off, near):  # type: ignore[no-untyped-def]
+    """Mark pixels at most `RIM_PX` from one whose 3 x 3 neighborhood mostly disagrees with the mode.
 
     The rim of a blurred object is fainter than the noise. off and near are (H, W) uint8.
     """
@@ -178,8 +180,8 @@ def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
                 for i in range(x - 1, x + 2):
                     around += off[j, i]
             if around >= 5:  # the majority of 9, which noise alone does not reach
-                for j in range(max(y - reach, 0), min(y + reach + 1, height)):
-                    for i in range(max(x - reach, 0), min(x + reach + 1, width)):
+                for j in range(max(y - RIM_PX, 0), min(y + RIM_PX + 1, height)):
+                    for i in range(max(x - RIM_PX, 0), min(x + RIM_PX + 1, width)):
                         near[j, i] = 1
 
 
