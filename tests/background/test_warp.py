@@ -42,6 +42,24 @@ def test_points_equal_matrix_product():
         assert np.allclose(at, [[u / w * half + 19.5, v / w * half + 14.5]], atol=1e-12)
 
 
+@pytest.mark.parametrize("upright", [True, False])
+def test_points_satisfy_the_equations_of_lens_and_bends(upright):
+    """oracle: each step of the definition, undone where it is an inverse."""
+    lens, bends = 0.06, np.array([[0.02, -0.01], [0.015, 0.03]])
+    xy, v = grid().reshape(-1, 2)[::61], int(upright)
+
+    def bent(u, c):
+        return u + c * u[:, v, None] ** 2
+
+    def without_lens(u):
+        return u * (1 + lens * np.sum(u**2, axis=1, keepdims=True))
+
+    u = np.column_stack([without_lens(bent((xy - [19.5, 14.5]) / 20, bends[0])), np.ones(len(xy))])
+    U = u @ homography(H).T
+    found = (Warp(H, SIZE, lens, bends=bends, upright=upright).points(xy) - [19.5, 14.5]) / 20
+    assert np.allclose(without_lens(bent(found, bends[1])), U[:, :2] / U[:, 2:], atol=1e-7)
+
+
 def test_derivatives_equal_differences():
     """oracle: central differences."""
     h = np.array([0.02, -0.03, 0.05, 0.01, 0.04, -0.02, 0.015, -0.01])

@@ -24,6 +24,7 @@ import scipy
 
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
+    centered,
     cubic,
     derivatives_by_h,
     homography,
@@ -201,8 +202,7 @@ def _level(C: Array, B: Array, variance: Array, valid: Array, structure: bool) -
     )
     slope_y, slope_x = (np.asarray(np.gradient(B, axis=axis)) for axis in (0, 1))
     xy = _points(np.sum(slope_x**2 + slope_y**2, axis=-1), inside)
-    to = to_centered((valid.shape[1], valid.shape[0]))
-    u, v = (xy * to[0, 0] + to[:2, 2]).T
+    u, v = centered(xy, (valid.shape[1], valid.shape[0])).T
     basis = np.stack([np.ones(len(xy)), u, v, u * u, u * v, v * v], axis=1)
     edges = _EDGE_POSITION_STD_PX**2 * (slope_x**2 + slope_y**2)
     sigma = np.sqrt((np.maximum(variance, VARIANCE_FLOOR) + edges)[xy[:, 1], xy[:, 0]])

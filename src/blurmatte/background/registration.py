@@ -30,6 +30,7 @@ from blurmatte.background.robust_mean_kernel import UNSEEN
 from blurmatte.background.warp import (
     PixelGrid,
     Warp,
+    centered,
     composed,
     inverse,
     warped,
@@ -520,7 +521,7 @@ def _is_upright(frame: LinearImage) -> bool:
 def _bend(fit: Alignment, view: Warp) -> Array:
     """(2,) bend of a frame by a rolling shutter, revised by a fit if that is certain."""
     across = int(view.upright)
-    moved = _centered(fit.level)[:, across, None, None] ** 2 * np.eye(2)
+    moved = centered(fit.level.xy, fit.level.size)[:, across, None, None] ** 2 * np.eye(2)
     score, information = _beyond_homography(fit, moved)
     step = np.linalg.solve(information, score)
     bend = np.asarray(view.bends[0] + step)
@@ -530,18 +531,13 @@ def _bend(fit: Alignment, view: Warp) -> Array:
     return bend if is_certain else np.asarray(view.bends[0])
 
 
-def _centered(level: ComparedPair) -> Array:
-    """(n, 2) the points that are compared, in centered coordinates."""
-    return np.asarray((2 * level.xy + 1 - np.array(level.size)) / max(level.size), float)
-
-
 def _beyond_homography(fit: Alignment, moved: Array) -> tuple[Array, Array]:
     """Score (m,) and information (m, m) of parameters of which the homography takes a part.
 
     moved (n, 2, m): displacements in the plate by them, in centered coordinates.
     """
     residuals, slopes = residuals_and_slopes(fit.level, fit.h, fit.light, list(range(8)), [0])
-    depth = _centered(fit.level) @ fit.h[6:] + 1
+    depth = centered(fit.level.xy, fit.level.size) @ fit.h[6:] + 1
     more = np.einsum("ncd,ndm->ncm", slopes[..., [2, 5]], moved * depth[:, None, None])
     use = np.isfinite(residuals) & (np.abs(np.nan_to_num(residuals)) < 3 * fit.scale)
     J = np.concatenate([slopes[..., :8], slopes[..., 8:] * np.eye(3), more], axis=-1)[use]

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from blurmatte.checks import Array, Bools, Floats
+from blurmatte.checks import AnyArray, Array, Bools, Floats
 from blurmatte.compiling import njit
 
 SPLINE_ORDER = 3  # of the interpolation
@@ -80,35 +80,22 @@ class Warp:
 
     def points(self, xy: Array) -> Array:
         """Positions (n, 2) of points xy (n, 2), pixels."""
-        to = to_centered(self.size)
-        u, v = xy * to[0, 0] + to[:2, 2], int(self.upright)
-        u = _undistorted(u + self.bends[0] * u[:, v, None] ** 2, self.lens)
-        U = _distorted(_projected(self.h, u)[0], self.lens)
-        c = self.bends[1]
-        across = 2 * U[:, v, None] / (1 + np.sqrt(1 + 4 * c[v] * U[:, v, None]))
-        U = U - c * across**2
-        return np.asarray((U - to[:2, 2]) / to[0, 0])
+        to, u = to_centered(self.size), centered(xy, self.size)
+        move(u, self.numbers)
+        return np.asarray((u - to[:2, 2]) / to[0, 0])
+
+    @property
+    def numbers(self) -> tuple[Any, ...]:
+        """What the compiled loops take: H, k and c, the bent axis, and whether there are bends."""
+        bends = np.ascontiguousarray(self.bends)
+        bent = bool(bends.any())
+        return homography(self.h), float(self.lens), bends, int(self.upright), bent
 
     @property
     def inverse(self) -> "Warp":
         """From the pixels of the other picture to those of this one."""
         h, bends = inverse(self.h), self.bends[::-1]
         return Warp(h, self.size, self.lens, bends=bends, upright=self.upright)
-
-
-def _undistorted(u: Array, lens: float) -> Array:
-    return u if not lens else u * (1 + lens * np.sum(u**2, axis=1, keepdims=True))
-
-
-def _distorted(U: Array, lens: float) -> Array:
-    """The points of a picture that lie at U (n, 2) without the lens."""
-    if not lens:
-        return U
-    R = np.sqrt(np.sum(U**2, axis=1, keepdims=True))
-    r = R.copy()
-    for _ in range(_LENS_STEPS):
-        r -= (r + lens * r**3 - R) / (1 + 3 * lens * r**2)
-    return np.asarray(U * np.where(R > 0, r / np.maximum(R, 1e-12), 1))
 
 
 def homography(h: Array) -> Array:
@@ -140,6 +127,12 @@ def to_centered(size: tuple[int, int]) -> Array:
     )
 
 
+def centered(xy: AnyArray, size: tuple[int, int]) -> Array:
+    """(n, 2) centered coordinates of points of a picture, from pixels xy (n, 2)."""
+    to = to_centered(size)
+    return np.asarray(xy * to[0, 0] + to[:2, 2])
+
+
 def _projected(h: Array, u: Array) -> tuple[Array, Array]:
     """Centered points (n, 2) under the homography, and their homogeneous coordinates (n, 1)."""
     H = homography(h)
@@ -150,8 +143,7 @@ def _projected(h: Array, u: Array) -> tuple[Array, Array]:
 
 def derivatives_by_h(h: Array, xy: Array, size: tuple[int, int]) -> Array:
     """(n, 2, 8) derivatives of the positions in the plate of points xy (n, 2), pixels."""
-    to = to_centered(size)
-    u = xy * to[0, 0] + to[:2, 2]
+    to, u = to_centered(size), centered(xy, size)
     U, depth = _projected(h, u)
     one = np.concatenate([u, np.ones_like(depth)], axis=1) / depth
     slope = np.zeros((len(xy), 2, 8))
@@ -184,8 +176,7 @@ def _between(nodes: Floats, pad: int, taps: int, how: Warp, dtype: np.dtype[Any]
     target, source = (grid or PixelGrid(how.size) for grid in (how.target, how.source))
     width, height = target.size
     out = np.empty((height, width, nodes.shape[2]), dtype)
-    bends = np.ascontiguousarray(how.bends), int(how.upright)
-    match = homography(how.h), to_centered(how.size), float(how.lens), *bends
+    match = how.numbers, to_centered(how.size)
     origins = np.array([*target.origin, *source.origin], float)
     parts = int(np.clip(height * width / _PART_PIXELS, 1, min(height, 64)))
     edges = np.linspace(0, height, parts + 1).astype(int)
@@ -234,45 +225,58 @@ def _within(x, first, last):  # type: ignore[no-untyped-def]
     return x if x > first else first
 
 
+@njit(inline="always")
+def _moved(a, b, numbers):  # type: ignore[no-untyped-def]
+    """Where a point lies in the other picture, both in centered coordinates; see `Warp.numbers`."""
+    H, lens, bends, across, bent = numbers
+    if bent:
+        v = b if across == 1 else a
+        a, b = a + bends[0, 0] * v * v, b + bends[0, 1] * v * v
+    if lens != 0:
+        longer = 1 + lens * (a * a + b * b)
+        a, b = a * longer, b * longer
+    depth = H[2, 0] * a + H[2, 1] * b + H[2, 2]
+    U = (H[0, 0] * a + H[0, 1] * b + H[0, 2]) / depth
+    V = (H[1, 0] * a + H[1, 1] * b + H[1, 2]) / depth
+    if lens != 0:
+        R = np.sqrt(U * U + V * V)
+        r = R
+        for _ in range(_LENS_STEPS):
+            r -= (r + lens * r * r * r - R) / (1 + 3 * lens * r * r)
+        if R > 0:
+            U, V = U * r / R, V * r / R
+    if bent:
+        v = V if across == 1 else U
+        v = 2 * v / (1 + np.sqrt(1 + 4 * bends[1, across] * v))
+        U, V = U - bends[1, 0] * v * v, V - bends[1, 1] * v * v
+    return U, V
+
+
+@njit()
+def move(points, numbers):  # type: ignore[no-untyped-def]
+    """Move points (n, 2) to where they lie in the other picture, in centered coordinates."""
+    for n in range(len(points)):
+        points[n, 0], points[n, 1] = _moved(points[n, 0], points[n, 1], numbers)
+
+
 @njit()
 def warp(nodes, pad, taps, match, origins, first, out):  # type: ignore[no-untyped-def]
     """Write the rows of a warped picture from row `first` on into `out` (rows, w, channels).
 
     nodes (h + 2 pad, w + 2 pad, channels): of the picture and `pad` pixels around it. With 4 `taps`
     they are coefficients of a cubic spline, with 2 values between which is interpolated linearly.
-    match is (H, to, k, bends, across): the homography, the matrix to its centered coordinates, (3, 3),
-    the lens term, the bends (2, 2), and the coordinate across rows, 0 or 1. origins (4,): x and y of
-    the first pixels of the result and of the picture.
+    match is (numbers, to): `Warp.numbers`, and the matrix to its centered coordinates, (3, 3). origins
+    (4,): x and y of the first pixels of the result and of the picture.
     Positions beyond the nodes are moved to the nearest.
     """
-    H, to, lens, bends, across = match
-    bent = np.any(bends != 0)
+    numbers, to = match
     size, x_off, y_off = to[0, 0], to[0, 2], to[1, 2]
     height, width, channels = nodes.shape
     p, q, before = np.empty(taps), np.empty(taps), taps // 2 - 1
     for row in range(out.shape[0]):
         for column in range(out.shape[1]):
             a, b = (column + origins[0]) * size + x_off, (first + row + origins[1]) * size + y_off
-            if bent:
-                v = b if across == 1 else a
-                a, b = a + bends[0, 0] * v * v, b + bends[0, 1] * v * v
-            if lens != 0:
-                longer = 1 + lens * (a * a + b * b)
-                a, b = a * longer, b * longer
-            depth = H[2, 0] * a + H[2, 1] * b + H[2, 2]
-            U = (H[0, 0] * a + H[0, 1] * b + H[0, 2]) / depth
-            V = (H[1, 0] * a + H[1, 1] * b + H[1, 2]) / depth
-            if lens != 0:
-                R = np.sqrt(U * U + V * V)
-                r = R
-                for _ in range(_LENS_STEPS):
-                    r -= (r + lens * r * r * r - R) / (1 + 3 * lens * r * r)
-                if R > 0:
-                    U, V = U * r / R, V * r / R
-            if bent:
-                v = V if across == 1 else U
-                v = 2 * v / (1 + np.sqrt(1 + 4 * bends[1, across] * v))
-                U, V = U - bends[1, 0] * v * v, V - bends[1, 1] * v * v
+            U, V = _moved(a, b, numbers)
             x, y = (U - x_off) / size - origins[2], (V - y_off) / size - origins[3]
             x = _within(x + pad, before, width - 1 - before)
             y = _within(y + pad, before, height - 1 - before)
