@@ -40,6 +40,8 @@ from blurmatte.statistics import cell_means, student_loss, student_weight
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
 # Free rows of light: none, gain, and offset, and a quadratic field of gain
 LIGHTS = ((), (0,), (0, 1), tuple(range(7)))
+# Models of each geometry, and a gain per channel
+STILL, SHIFT, HOMOGRAPHY = ((geometry, 1) for geometry in range(len(GEOMETRIES)))
 
 
 # Pyramid of the pictures, and the t regression on its levels.

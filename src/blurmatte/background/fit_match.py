@@ -15,7 +15,10 @@ import scipy
 
 from blurmatte.background.alignment import (
     GEOMETRIES,
+    HOMOGRAPHY,
     LIGHTS,
+    SHIFT,
+    STILL,
     Alignment,
     ComparedPair,
     first_step,
@@ -34,7 +37,7 @@ from blurmatte.background.match import (
     median_light,
 )
 from blurmatte.background.registration import MAX_RELATIVE_RESIDUAL
-from blurmatte.background.warp import to_centered
+from blurmatte.background.warp import IDENTITY_LIGHT, to_centered
 from blurmatte.checks import Array, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
@@ -69,12 +72,11 @@ _MODELS = {
     Matching.SHIFT: ((1, 0), (1, 2)),
     Matching.FULL: ((2, 1), (2, 3)),
 }
-_GEOMETRY = [(geometry, 1) for geometry in range(len(GEOMETRIES))]  # models of fine structure
+_GEOMETRY = STILL, SHIFT, HOMOGRAPHY  # models of fine structure
 
 
 # Selection of the model, and rejection of foreign plates.
 _PARAMETER_PENALTY = 20.0  # log likelihood; large, since compression correlates residuals
-_SHIFT_PENALTY = _PARAMETER_PENALTY * len(GEOMETRIES[1])  # the smallest of a displacement
 _MIN_DISPLACEMENT_PX = 0.01  # smaller changes of both this
 _MIN_LIGHT_CHANGE = 0.001  # and this, relative, are not applied
 _MAX_OFFSET = 0.1  # of the plate's median light: flare
@@ -92,7 +94,6 @@ _MIN_PERIOD_CELLS = 16  # of the level: four of its points
 _PERIOD_STEP = 0.25  # of the numbers of periods that are compared
 _MAX_HARMONICS = 4
 _BAND_PARTS = 12  # of a picture, across the bands
-_FIRST_BAND_ROW = 7  # of the coefficients in `Fit.light`
 
 
 def match_plate(
@@ -179,9 +180,9 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     if geometry.model[0] > smallest[0] == 0 and _may_have_bands(light):
         # Bands in both pictures are fine structure too, and look like a displacement.
         still, others = _select_light(light, replace(select, h=np.zeros(8)))
-        price = _penalty(geometry.model) - _penalty(_GEOMETRY[0])
+        price = _penalty(geometry.model) - _penalty(STILL)
         if others is not None and log_likelihood_gain(still, best) <= price:
-            geometry = fit_level(sharp, sharp.identity, _GEOMETRY[0])
+            geometry = fit_level(sharp, sharp.identity, STILL)
             best, bands = still, others
     match = replace(_match_of(geometry, best, image.size), bands=bands)
     _check_same_scene(match, best, plate)
@@ -218,10 +219,10 @@ def _is_negligible(match: Match, plate: LinearImage) -> bool:
 
 def _matches(sharp: ComparedPair, light: ComparedPair, plate: LinearImage) -> bool:
     """Whether first steps from the identity gain too little, or change too little, and no bands do."""
-    steps = first_step(sharp, _GEOMETRY[-1]), first_step(light, (0, len(LIGHTS) - 1))
+    steps = first_step(sharp, HOMOGRAPHY), first_step(light, (0, len(LIGHTS) - 1))
     gained = max(gain for _, gain in steps)
     change = replace(Match.nothing(light.size), h=steps[0][0].h, light=steps[1][0].light)
-    if gained > _SHIFT_PENALTY and not _is_negligible(change, plate):
+    if gained > _penalty(SHIFT) - _penalty(STILL) and not _is_negligible(change, plate):
         return False
     return not _may_have_bands(light)
 
@@ -237,7 +238,8 @@ def _select_geometry(
     """Forward selection by penalized likelihood of fine structure, from the smallest geometry."""
     models = _GEOMETRY[smallest : largest + 1]
     best = fit_level(fine, fine.identity, models[0])
-    if largest == 0 or (smallest == 0 and first_step(fine, _GEOMETRY[-1])[1] <= _SHIFT_PENALTY):
+    least = _penalty(SHIFT) - _penalty(STILL)
+    if largest == 0 or (smallest == 0 and first_step(fine, HOMOGRAPHY)[1] <= least):
         return best
     rough = coarse[-1].identity if coarse else fine.identity
     for level in reversed(coarse):
@@ -327,7 +329,7 @@ def _penalty(model: tuple[int, int]) -> float:
 
 def _bands_of(fit: Alignment, axis: int, frequency: float) -> Bands:
     """The bands of a fit on a level with bands."""
-    coefficients = fit.light[_FIRST_BAND_ROW:]
+    coefficients = fit.light[len(IDENTITY_LIGHT) :]
     per_channel, many = len(fit.rows), len(coefficients)
     covariance = fit.covariance()
     ends = [len(covariance) - k * per_channel for k in (2, 1, 0)]

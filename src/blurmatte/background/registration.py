@@ -16,9 +16,9 @@ from typing import overload
 import numpy as np
 
 from blurmatte.background.alignment import (
-    GEOMETRIES,
-    LIGHTS,
+    HOMOGRAPHY,
     MAX_PIXELS,
+    SHIFT,
     Alignment,
     ComparedPair,
     fit_level,
@@ -41,9 +41,6 @@ from blurmatte.checks import Array, Bools, Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MAD_TO_STD, cell_means
-
-_HOMOGRAPHY = GEOMETRIES.index(tuple(range(8))), LIGHTS.index((0,))  # and a gain per channel
-_SHIFT = GEOMETRIES.index((2, 5)), LIGHTS.index((0,))
 
 # When a frame is registered.
 _MIN_OVERLAP = 0.3  # of a frame with the canvas
@@ -312,10 +309,10 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasF
     pyramid = list(_levels(image, seen))
     fine, start = pyramid[0], pyramid[0].identity
     for level in reversed(pyramid[1:] if coarse else []):
-        start = fit_level(level, start, _SHIFT)
-        bent = fit_level(level, start, _HOMOGRAPHY)
+        start = fit_level(level, start, SHIFT)
+        bent = fit_level(level, start, HOMOGRAPHY)
         start = bent if bent.scale < start.scale else start
-    fit = fit_level(fine, start, _HOMOGRAPHY)
+    fit = fit_level(fine, start, HOMOGRAPHY)
     inside = np.isfinite(fit.residuals)
     rest = np.abs(fit.residuals * fine.sigma)[inside]
     residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
@@ -582,7 +579,7 @@ def _lens(frames: Sequence[LinearImage], path: CameraPath, cell: int) -> tuple[f
 def _lens_equation(frame: LinearImage, seen: LinearImage, view: Warp) -> tuple[float, float]:
     """Score and information of the lens term in a frame, of which its homography takes a part."""
     level = next(_levels(frame, seen))
-    fit = fit_level(level, level.identity, _HOMOGRAPHY)
+    fit = fit_level(level, level.identity, HOMOGRAPHY)
     xy, step = level.xy.astype(float), _LENS_STEP
     more, less = (replace(view, lens=view.lens + d).points(xy) for d in (step, -step))
     back = view.inverse  # the displacement of the reference's pixels in those of the frame
