@@ -33,6 +33,7 @@ DIRECTIONS: Mapping[Direction, tuple[int, int]] = {
 MAX_PX = 1e6  # of places and lengths that are read
 MAX_GAIN = 1e3  # of a white balance, and from a channel of a camera to one of sRGB
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
+_STRIP_ROWS = 64  # of a picture, that are converted at a time: saves memory
 # What an object shows its numbers with; NumPy takes the first.
 _ARRAY_DOORS = "__array__", "__array_interface__", "__dlpack__"
 _CPU, _PINNED = 1, (3, 11)  # kinds of memory in DLPack; pinned is main memory that GPUs also reach
@@ -66,6 +67,11 @@ def enclosing(boxes: Iterable[Box]) -> Box:
     """The smallest box around one or more boxes."""
     x0, y0, x1, y1 = zip(*boxes, strict=True)
     return int(min(x0)), int(min(y0)), int(max(x1)), int(max(y1))
+
+
+def strips(rows: int) -> list[slice]:
+    """The rows of a picture in strips, which are converted one at a time."""
+    return [slice(at, min(at + _STRIP_ROWS, rows)) for at in range(0, rows, _STRIP_ROWS)]
 
 
 def as_array(name: str, value: object) -> Any:

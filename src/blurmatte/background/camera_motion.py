@@ -25,7 +25,7 @@ _MIN_TILES = 3  # that must agree with the shift of the whole; an object between
 _MIN_TILE_PX = 64
 _MAX_TILE_PX = 256
 _MIN_OVERLAP_PX = 16  # of a shifted tile
-_MAX_SHIFT_PX = 0.5  # blur of the mean's edges that is acceptable
+MAX_SHIFT_PX = 0.5  # blur of a plate's edges that is acceptable
 _MAX_SHIFT_STD_PX = 0.1  # of a tile that determines its shift
 _PEAKS = 4  # of the correlation of two frames: what moves has one, too
 _MIN_VARIANCE = 1e-7  # of a frame without code values, light²
@@ -87,7 +87,7 @@ def _moved(a: Floats, b: Floats, variance: float) -> float:
         return float(np.hypot(*whole))
     shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
     lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
-    moved = [length for length in lengths if length > _MAX_SHIFT_PX]
+    moved = [length for length in lengths if length > MAX_SHIFT_PX]
     return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
 
 

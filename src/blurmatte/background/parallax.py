@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 import scipy
 
-from blurmatte.background.camera_motion import in_gray, tile_shifts
+from blurmatte.background.camera_motion import MAX_SHIFT_PX, in_gray, tile_shifts
 from blurmatte.background.registration import (
     CameraPath,
     ParallaxRegion,
@@ -25,7 +25,6 @@ from blurmatte.radiometry import LinearImage
 
 _TILES_ALONG = 16  # on the longer side
 _MIN_TILE_PX = 32
-_MIN_SHIFT_PX = 0.5  # blur of the plate's edges that is acceptable
 _FRAMES = 6  # of a clip, that are compared
 _MIN_FRACTION = 0.5  # of the pairs that determine the shift of a tile
 _MIN_PAIRS = 2  # of a clip
@@ -90,7 +89,7 @@ def _regions(
     for (row, column), each in lengths.items():
         if not (0 <= row < shape[0] and 0 <= column < shape[1]):
             continue
-        far = [length for length in each if length > _MIN_SHIFT_PX]
+        far = [length for length in each if length > MAX_SHIFT_PX]
         if len(far) >= max(least, _MIN_FRACTION * len(each)):
             shifted[row, column], by[row, column] = True, np.median(far)
     return _joined(shifted, by, side, size)

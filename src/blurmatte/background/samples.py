@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.calibration import fit_noise
-from blurmatte.checks import Box, Floats
+from blurmatte.checks import Box, Floats, strips
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import (
     CodingError,
@@ -35,7 +35,6 @@ _MAX_CODED_BYTES = 1.5e8  # of them
 _NOISE_PIXELS = 1e5  # of a frame
 _NOISE_PAIRS = 3  # of frames, of which the median noise is taken
 _GAIN_PIXELS = 1e4  # of a frame
-_STRIP_ROWS = 64  # whose light is in memory at a time
 _MIN_GAIN = 1e-3  # of a black frame
 _MIN_BRIGHTNESS = 0.05  # of the maximum, for ratios of light
 _MAX_RESIDUAL_STD = 4.0  # of pixels that determine the gain
@@ -95,9 +94,8 @@ class Samples:
         """(H, W) mean of the channels of a sample, at a common exposure."""
         width, height = self.light.size
         gray, gain = np.empty((height, width), np.float32), self.gain[k].astype(np.float32)
-        for start in range(0, height, _STRIP_ROWS):
-            rows = slice(start, min(start + _STRIP_ROWS, height))
-            strip = np.empty((rows.stop - start, width, 3), np.float32)
+        for rows in strips(height):
+            strip = np.empty((rows.stop - rows.start, width, 3), np.float32)
             self.light.write(k, rows, gain, strip)
             gray[rows] = (strip[..., 0] + strip[..., 1] + strip[..., 2]) / np.float32(3)
         return gray

@@ -41,12 +41,11 @@ from blurmatte.checks import Array, Bools
 from blurmatte.deblurring.normal_equations import Normal, NormalEquations, posterior
 from blurmatte.deblurring.operator import Blur
 from blurmatte.deblurring.priors import Bound, Differences, GaussianFit, traces
-from blurmatte.deblurring.refine import ExplainedViews
+from blurmatte.deblurring.refine import SAMPLES, ExplainedViews
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.sweep.model.chroma_subsampling import codes_before
 
-_SAMPLES = 4  # of the posterior, which give the error
 _ROUNDS = 3, 2  # of the strengths, of the prior of edges
 _TOLERANCE = 0.02  # of the residual of conjugate gradients, relative
 _TOLERANCE_OF_SAMPLES = 0.05  # the same of samples, whose scatter needs no more
@@ -165,7 +164,7 @@ class _QuadraticFit:
     def sampled(self) -> list[Array]:
         """Samples of the error of the color; the scale of the noise is estimated again."""
         samples, D = [], self.differences.matrix
-        for _ in range(_SAMPLES):
+        for _ in range(SAMPLES):
             noise = sum(self._scaled(lambda one, s: one.noise(s, self.rng)))
             prior = np.sqrt(self.weights) * self.rng.normal(size=(len(self.weights), 3))
             right = noise + D.T @ prior

@@ -46,7 +46,7 @@ from blurmatte.sweep.sweep import Sweep
 
 _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that is inclined
 MAX_NODES = 1500  # of a Cholesky factor that is not banded
-_DERIVATIVE_STEP_PX = 1.0  # on a sphere: motion between two moments
+COARSE_STEP_PX = 1.0  # on a sphere: motion between two moments, for derivatives and searches
 _LEAST_CURVATURE = 0.1  # along a secant, of that of the information
 
 Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
@@ -248,7 +248,7 @@ class Sphere(Surface):
         Light is linear in the shading, whose derivatives need no differences.
         """
         color, spread = fit.normal.mean, weight * (A @ fit.normal.inverse())
-        at, steps, count = view.parameters, view.steps, view.moment_count(_DERIVATIVE_STEP_PX)
+        at, steps, count = view.parameters, view.steps, view.moment_count(COARSE_STEP_PX)
         alpha, light, volume = self._projected(view, count, color, spread)
         J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros((len(light), len(at)))
         J[..., -HARMONICS:], volumes[:, -HARMONICS:] = light[..., 1:], 3 * volume[:, 1:]

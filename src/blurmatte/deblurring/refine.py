@@ -49,7 +49,7 @@ LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
 MAX_STEPS = 8  # of one refinement
 _LEAST_RADIUS = 8.0  # of an object in coarse pictures, nodes
 _LONGEST_STD = 6.0  # of a step that measures the curvature, which changes over longer ones
-_SAMPLES = 4  # of noise in a picture
+SAMPLES = 4  # of noise in a picture, or of the posterior, that give an error
 
 
 @dataclass(frozen=True, eq=False)
@@ -267,15 +267,15 @@ def _at(views: Sequence[View], parameters: Array, covariance: Array | None = Non
 def color_variance_inflation(state: ExplainedViews, fit: GaussianFit) -> float:
     """Variance of the color with correlated noise over that with independent noise, at least 1."""
     rng, shape = np.random.default_rng(0), fit.normal.mean.T.shape
-    seen = np.zeros((2, *shape, _SAMPLES))  # independent and correlated noise, channels, nodes
+    seen = np.zeros((2, *shape, SAMPLES))  # independent and correlated noise, channels, nodes
     for view, (A, alpha), weight in zip(state.views, state.blurs, state.weights, strict=True):
         root, (h, w) = np.sqrt(np.broadcast_to(weight, (len(weight), 3))), view.pixels.shape
         residual = (root * (view.light(alpha) - A @ fit.normal.mean)).reshape(h, w, 3)
         spectrum = _spectrum(residual, (root > 0).all(axis=1).reshape(h, w))
-        white = rng.normal(size=(_SAMPLES, *_padded(h, w)))
+        white = rng.normal(size=(SAMPLES, *_padded(h, w)))
         colored = np.fft.irfft2(np.fft.rfft2(white) * np.sqrt(spectrum), white.shape[1:])
         for sums, noise in zip(seen, (white, colored), strict=True):
-            e = noise[:, :h, :w].reshape(_SAMPLES, -1).T
+            e = noise[:, :h, :w].reshape(SAMPLES, -1).T
             sums += np.stack([A.T @ (root[:, [c]] * e) for c in range(3)])
     independent, correlated = (float(np.sum(fit.normal.solve(sums) ** 2)) for sums in seen)
     return max(1.0, correlated / independent)

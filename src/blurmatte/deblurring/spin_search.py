@@ -23,7 +23,7 @@ import scipy
 
 from blurmatte.checks import Array, Bools
 from blurmatte.deblurring import sphere_kernel
-from blurmatte.deblurring.lattice import Sphere
+from blurmatte.deblurring.lattice import COARSE_STEP_PX, Sphere
 from blurmatte.deblurring.operator import (
     Entries,
     SeenMoments,
@@ -39,7 +39,6 @@ from blurmatte.descent import descended, distinct
 
 # Grid, lattice and climbs of the search; angles in radians.
 NODES_PER_RADIUS = 5
-_MOMENT_STEP_PX = 1.0  # motion between two moments, pixels of the view
 _MAX_ROTATION = np.pi  # radians per exposure
 SPACING = np.radians(28)  # of the grid of rotations: maxima of log Z are about 30° wide
 _MAX_STEP = np.radians(12)  # of a climb
@@ -110,7 +109,7 @@ class Search:
         """
         sweep = view.sweep
         fastest = replace(view, spin=Spin(np.array([0, 0, _MAX_ROTATION])))
-        count = fastest.moment_count(_MOMENT_STEP_PX)
+        count = fastest.moment_count(COARSE_STEP_PX)
         poses = poses_of(sweep, count=count)
         seen = seen_moments(sweep, view.pixels, poses)
         alpha = seen.alpha(poses.durations)

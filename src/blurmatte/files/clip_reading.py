@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import AnyArray, Array, Bools, Box, Floats, Floats32
+from blurmatte.checks import AnyArray, Array, Bools, Box, Floats, Floats32, strips
 from blurmatte.errors import FileError, TransferWarning, warn
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
@@ -36,7 +36,6 @@ from blurmatte.radiometry.transfer import LUMA_WEIGHTS, LUMA_WEIGHTS_709, REC709
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
 _UNSTATED = 0, H273.UNSPECIFIED  # transfer characteristics
-_ENCODED_ROWS = 64  # of a picture at a time: saves memory
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
 
 
@@ -224,8 +223,7 @@ def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
     """A picture of linear sRGB in the code values that `decode_coded` gives."""
     av = video_library(clip.path)
     rgb = np.empty(picture.rgb.shape, np.uint16)
-    for row in range(0, len(rgb), _ENCODED_ROWS):
-        strip = np.s_[row : row + _ENCODED_ROWS]
+    for strip in strips(len(rgb)):
         light = picture.rgb[strip].astype(float)
         if clip.encoding.matrix is not None:
             light = light @ np.linalg.inv(clip.encoding.matrix).T

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import AnyArray
+from blurmatte.checks import AnyArray, strips
 from blurmatte.errors import FileError
 from blurmatte.files.documents import parse_json, to_mapping
 from blurmatte.files.exr import changed_header
@@ -36,7 +36,6 @@ CHANNELS = (
 )
 _SHORT, _LONG, _ASCII, _BYTE = 3, 4, 2, 1  # types of TIFF
 _MOST_BYTES = 2**32 - 2**20  # offsets of TIFF have 32 bits
-_ROWS = 256  # that are converted at a time
 
 
 def solution_parts(solution: Solution) -> tuple[AnyArray, ...]:
@@ -170,8 +169,8 @@ def save_stack(path: Path, maps: Mapping[str, AnyArray], about: str) -> None:
             file.write(bytes(start - file.tell()) + block)
         file.write(bytes(data - file.tell()))
         for one in maps.values():
-            for first in range(0, height, _ROWS):
-                file.write(np.ascontiguousarray(one[first : first + _ROWS], "<f4").tobytes())
+            for strip in strips(height):
+                file.write(np.ascontiguousarray(one[strip], "<f4").tobytes())
         for k in range(len(maps)):
             entries = _page(width, height, data + k * size)
             if k == 0:

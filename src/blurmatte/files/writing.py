@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.checks import AnyArray, Codes8, Floats, as_array
+from blurmatte.checks import AnyArray, Codes8, Floats, as_array, strips
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.atomic import ending_of, moved_together, replacing
@@ -277,8 +277,7 @@ def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> AnyArray:
     """Integer sRGB code values of linear light; strip by strip, to save memory."""
     codes = np.empty(light.shape, dtype)
-    for row in range(0, len(light), 64):
-        strip = np.s_[row : row + 64]
+    for strip in strips(len(light)):
         black = not light[strip].any()  # most of a layer
         codes[strip] = 0 if black else _stored(SRGB.encode(light[strip]), dtype)
     return codes
