@@ -77,9 +77,8 @@ _THUMBNAILS = (1033, 1036)  # numbers of Photoshop's resources
 
 @dataclass(frozen=True)
 class Metadata:
-    """Metadata of a picture file."""
+    """Metadata of a picture file but for its color profile."""
 
-    profile: bytes | None  # the ICC profile
     exif: bytes  # a block of tags, see exif.py; empty if there is none
     xmp: bytes  # an XMP packet; empty if there is none
     dpi: tuple[float, float] | None  # pixels per inch, where stated outside EXIF
@@ -90,22 +89,23 @@ def read_metadata(raster: Raster) -> Metadata:
     readers = {PNG: _read_png, JPEG: _read_jpeg, TIFF: _read_tiff}
     if raster.format in readers:
         return readers[raster.format](raster)
-    return Metadata(icc_profile(raster), without_thumbnail(raster.exif), raster.xmp, None)
+    return Metadata(without_thumbnail(raster.exif), raster.xmp, None)
 
 
 def current_segments(segments: Iterable[bytes]) -> tuple[bytes, ...]:
     """The metadata segments of a JPEG without thumbnails and statements about further pictures."""
+    edits = (
+        (0xE1, EXIF_MARK, without_thumbnail),
+        (0xE1, _XMP_MARK, xmp_of_one_picture),
+        (0xED, PHOTOSHOP_MARK, without_small_copies),
+    )
     current = []
-    for segment in segments:
-        head, body = segment[:2], segment[4:]
-        if head[1] == 0xE1 and body.startswith(EXIF_MARK):
-            body = EXIF_MARK + without_thumbnail(body[len(EXIF_MARK) :])
-        elif head[1] == 0xE1 and body.startswith(_XMP_MARK):
-            body = _XMP_MARK + xmp_of_one_picture(body[len(_XMP_MARK) :])
-        elif head[1] == 0xED and body.startswith(PHOTOSHOP_MARK):
-            body = PHOTOSHOP_MARK + without_small_copies(body[len(PHOTOSHOP_MARK) :])
-        if not (head[1] == 0xE2 and is_about_further_pictures(body)):
-            current.append(stored_segment(head[1], body))
+    for kind, body in ((segment[1], segment[4:]) for segment in segments):
+        for marker, mark, edited in edits:
+            if kind == marker and body.startswith(mark):
+                body = mark + edited(body[len(mark) :])
+        if not (kind == 0xE2 and body.startswith(tuple(_SEGMENTS))):
+            current.append(stored_segment(kind, body))
     return tuple(current)
 
 
@@ -172,11 +172,9 @@ def save_new_jpeg(path: Path, raster: Raster, pixels: AnyArray) -> None:
     codes = raster_colors(raster, pixels)
     if codes.dtype == np.uint16:
         codes = np.rint(codes / 257).astype(np.uint8)
-    options: dict[str, Any] = {"exif": EXIF_MARK + exif} if exif else {}
-    options |= {"icc_profile": metadata.profile} if metadata.profile else {}
-    options |= {"xmp": metadata.xmp} if metadata.xmp else {}
-    options |= {"dpi": metadata.dpi} if metadata.dpi else {}
-    compress_jpeg(path, codes, **options)
+    stated = {"icc_profile": icc_profile(raster), "xmp": metadata.xmp, "dpi": metadata.dpi}
+    stated["exif"] = EXIF_MARK + exif if exif else b""
+    compress_jpeg(path, codes, **{name: value for name, value in stated.items() if value})
 
 
 def raster_colors(raster: Raster, pixels: AnyArray) -> AnyArray:
@@ -198,12 +196,12 @@ def _read_png(raster: Raster) -> Metadata:
         elif kind == b"pHYs" and len(data) == 9 and data[8] == 1:
             x, y = struct.unpack(">2L", data[:8])
             dpi = x * inch, y * inch
-    return Metadata(icc_profile(raster), exif, xmp, dpi)
+    return Metadata(exif, xmp, dpi)
 
 
 def _without_orientation(exif: bytes) -> bytes:
     """EXIF from behind the pixels of a PNG, where readers ignore its orientation."""
-    tags = _tags_of(Metadata(None, exif, b"", None), (TiffTag.ORIENTATION,))
+    tags = _tags_of(exif, (TiffTag.ORIENTATION,))
     return tags_block(tags) if tags else b""
 
 
@@ -228,7 +226,7 @@ def _read_jpeg(raster: Raster) -> Metadata:
             x, y = struct.unpack(">2H", body[8:12])
             unit = 1 if body[7] == 1 else 2.54
             dpi = (x * unit, y * unit) if x and y else None
-    return Metadata(icc_profile(raster), exif, xmp, dpi)
+    return Metadata(exif, xmp, dpi)
 
 
 def _read_tiff(raster: Raster) -> Metadata:
@@ -243,9 +241,7 @@ def _read_tiff(raster: Raster) -> Metadata:
         data = without_small_copies(resources.data)
         kept[TiffTag.PHOTOSHOP] = Tag(resources.form, len(data), data)
     exif = tags_block(kept) if kept else b""
-    return Metadata(
-        icc_profile(raster), exif, xmp.data if isinstance(xmp, Tag) else b"", _dpi(kept)
-    )
+    return Metadata(exif, xmp.data if isinstance(xmp, Tag) else b"", _dpi(kept))
 
 
 def _dpi(tags: Tags) -> tuple[float, float] | None:
@@ -257,10 +253,10 @@ def _dpi(tags: Tags) -> tuple[float, float] | None:
     return scale * x[0], scale * y[0]
 
 
-def _tags_of(metadata: Metadata, omitted: tuple[int, ...]) -> dict[int, Any]:
+def _tags_of(exif: bytes, omitted: tuple[int, ...]) -> dict[int, Any]:
     """The EXIF tags, without those omitted; none if the block is invalid."""
     try:
-        tags = parse_tags(metadata.exif)
+        tags = parse_tags(exif)
     except ValueError:  # some cameras and programs write invalid EXIF
         return {}
     return {name: tag for name, tag in tags.items() if name not in omitted}
@@ -276,7 +272,7 @@ def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
     stated = raster.tags.get("Exif:ColorSpace") == IS_SRGB or not _png_states_srgb(raster)
     if raster.format is not TIFF and stated:
         return metadata.exif
-    tags = _tags_of(metadata, (TiffTag.IPTC, TiffTag.PHOTOSHOP))  # which only a TIFF may hold
+    tags = _tags_of(metadata.exif, (TiffTag.IPTC, TiffTag.PHOTOSHOP))  # which only a TIFF may hold
     tags = tags if stated else _with_srgb(tags)
     return tags_block(tags) if tags else b""
 
@@ -298,15 +294,15 @@ def _png_states_srgb(raster: Raster) -> bool:
 
 def _tiff_tags_of(metadata: Metadata, raster: Raster) -> dict[int, Any]:
     """All metadata as tags of a TIFF."""
-    tags = _tags_of(metadata, _NOT_COPIED)
+    tags = _tags_of(metadata.exif, _NOT_COPIED)
     if _png_states_srgb(raster):
         tags = _with_srgb(tags)
     if metadata.dpi and TiffTag.X_RESOLUTION not in tags:
         x, y = map(rational, metadata.dpi)
         tags |= {TiffTag.X_RESOLUTION: x, TiffTag.Y_RESOLUTION: y}
         tags |= {TiffTag.RESOLUTION_UNIT: shorts(_INCH)}
-    if metadata.profile:
-        tags[TiffTag.ICC] = Tag(7, len(metadata.profile), metadata.profile)
+    if profile := icc_profile(raster):
+        tags[TiffTag.ICC] = Tag(7, len(profile), profile)
     if metadata.xmp:
         tags[TiffTag.XMP] = Tag(1, len(metadata.xmp), metadata.xmp)
     return tags
@@ -315,8 +311,8 @@ def _tiff_tags_of(metadata: Metadata, raster: Raster) -> dict[int, Any]:
 def _png_chunks_of(metadata: Metadata, raster: Raster) -> list[tuple[bytes, bytes]]:
     """All metadata as chunks of a PNG, in the required order."""
     chunks = []
-    if metadata.profile:
-        chunks.append((b"iCCP", b"icc\0\0" + zlib.compress(metadata.profile)))
+    if profile := icc_profile(raster):
+        chunks.append((b"iCCP", b"icc\0\0" + zlib.compress(profile)))
     elif raster.tags.get("Exif:ColorSpace") == IS_SRGB:
         chunks.append((b"sRGB", b"\0"))  # rendering intent: perceptual
     if metadata.dpi:
@@ -345,11 +341,6 @@ def _names(xmp: bytes, space: bytes, names: bytes) -> list[bytes]:
     """Patterns of the qualified names of a namespace, one for each of its prefixes."""
     declared = rb"xmlns:([\w.-]+)\s*=\s*[\"']" + re.escape(space) + rb"[\"']"
     return [re.escape(prefix) + b":" + names for prefix in set(re.findall(declared, xmp))]
-
-
-def is_about_further_pictures(body: bytes) -> bool:
-    """Whether the body of a JPEG's segment is the index or the format of further pictures."""
-    return body.startswith(tuple(_SEGMENTS))
 
 
 def without_small_copies(resources: bytes) -> bytes:
