@@ -20,9 +20,6 @@ from blurmatte.jpeg.structure import (
     Marker,
     Scan,
     Segments,
-    block_numbers,
-    is_rgb,
-    scan_order,
     stored_segment,
 )
 from blurmatte.radiometry.compression import Compression
@@ -55,7 +52,7 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
             width, height = segments.size
             if max_pixels is not None and width * height > max_pixels:
                 raise JpegError(f"the JPEG has {width} x {height} pixels, more than {max_pixels}")
-            count = sum(n.size for n in block_numbers(segments.size, segments.components))
+            count = sum(n.size for n in segments.block_numbers())
             coefficients = np.zeros((count, 64), np.int16)
         at = _decode(segments, scan, coefficients)
     segments.check_complete()
@@ -77,8 +74,8 @@ def compression_of(data: bytes, orientation: Orientation = _UPRIGHT) -> Compress
         tables = [segments.quantization[i][np.argsort(ZIGZAG)] for i in range(2)]
     except (JpegError, KeyError):
         return None
-    sampling = tuple((c.across, c.down) for c in segments.components)
-    if set(sampling[1:]) != {(1, 1)} or is_rgb(segments.metadata, segments.components):
+    sampling = segments.sampling
+    if set(sampling[1:]) != {(1, 1)} or segments.is_rgb:
         return None
     if not set(sampling[0]) <= {1, 2} or np.max(tables) > 255:
         return None
@@ -99,7 +96,7 @@ def _upright(stored: Compression, size: tuple[int, int], orientation: Orientatio
 
 def _decode(segments: Segments, scan: Scan, out: npt.NDArray[np.int16]) -> int:
     """Decode a scan into the blocks `out`; return the offset of the next marker."""
-    order, slots = scan_order(segments.size, segments.components, scan.components)
+    order, slots = segments.scan_order(scan.components)
     interval = scan.interval or len(order)
     data = np.frombuffer(segments.data, np.uint8)
     bits = np.zeros(len(data) - scan.start + entropy.PADDING_BYTES, np.uint8)
@@ -131,9 +128,9 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
 
     Raises JpegError if the coefficients or the chroma sampling do not fit a sequential JPEG.
     """
-    if sum(c.across * c.down for c in jpeg.components) > 10:  # blocks per MCU [T.81 B.2.3]
+    if sum(across * down for across, down in jpeg.sampling) > 10:  # blocks per MCU [T.81 B.2.3]
         raise JpegError("the sampling factors of the JPEG are too large for one scan")
-    order, slots = scan_order(jpeg.size, jpeg.components, range(len(jpeg.components)))
+    order, slots = jpeg.scan_order(range(len(jpeg.components)))
     blocks = jpeg.coefficients
     # Besides nonzero coefficients, a block has at most: DC, three long zero runs, end of block.
     tokens = np.empty(np.count_nonzero(blocks) + 5 * len(blocks), np.uint32)
@@ -269,7 +266,7 @@ def replace_blocks(jpeg: Jpeg, codes: Codes8, changed: Bools) -> Jpeg:
     """
     if not changed.any():
         return jpeg
-    if jpeg.sampling not in _PILLOW_SUBSAMPLING or is_rgb(jpeg.metadata, jpeg.components):
+    if jpeg.sampling not in _PILLOW_SUBSAMPLING or jpeg.is_rgb:
         raise JpegError("the chroma sampling of the JPEG is not supported")
     affected = _affected_mcus(jpeg, changed)
     left, top, right, bottom = box_of(affected)

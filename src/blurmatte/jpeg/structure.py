@@ -8,7 +8,7 @@ package. Blocks that are not replaced decode to identical pixels.
 """
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -42,13 +42,74 @@ class Component:
     down: int
 
 
-@dataclass(frozen=True, eq=False)
-class Jpeg:
-    """A JPEG without its entropy coding."""
+class Frame:
+    """The frame of a JPEG: what follows from its size and its components."""
 
     # The APPn and COM segments as stored: EXIF, color profile, comments …
-    metadata: tuple[bytes, ...]
+    metadata: Sequence[bytes]
     size: tuple[int, int]  # width and height in pixels, as stored
+    components: tuple[Component, ...]
+
+    @property
+    def mcu(self) -> tuple[int, int]:
+        """Width and height of a minimum coded unit (MCU) in pixels."""
+        return tuple(8 * max(sides) for sides in zip(*self.sampling, strict=True))
+
+    @property
+    def sampling(self) -> tuple[tuple[int, int], ...]:
+        """Blocks per MCU, across and down, of each component."""
+        return tuple((c.across, c.down) for c in self.components)
+
+    @property
+    def is_rgb(self) -> bool:
+        """True if the channels are red, green and blue, by Adobe's segment or the identifiers."""
+        jfif = any(s[:2] == b"\xff\xe0" and s[4:9] == b"JFIF\0" for s in self.metadata)
+        if len(self.components) != 3 or jfif:
+            return False
+        for s in self.metadata:
+            if s[1] == Marker.APP14 and s[4:9] == b"Adobe" and len(s) >= 16:
+                return s[15] == 0  # the color transform: none
+        return [component.number for component in self.components] == list(b"RGB")
+
+    def block_numbers(self) -> list[Ints32]:
+        """(rows, columns) block indices of each component, padded to full MCUs."""
+        columns, rows = (-(-n // side) for n, side in zip(self.size, self.mcu, strict=True))
+        numbers, first = [], 0
+        for across, down in self.sampling:
+            shape = rows * down, columns * across
+            count = shape[0] * shape[1]
+            numbers.append(np.arange(first, first + count, dtype=np.int32).reshape(shape))
+            first += count
+        return numbers
+
+    def scan_order(self, chosen: Sequence[int]) -> tuple[Ints32, Ints64]:
+        """(units, n) block indices of each coded unit of a scan, and (n,) the component of each block.
+
+        A scan of one component is coded block by block and stops at the picture's edge [T.81 A.2].
+        """
+        every = list(zip(self.block_numbers(), self.sampling, strict=True))
+        parts = [every[index] for index in chosen]
+        if len(chosen) == 1:
+            ((numbers, own),) = parts
+            sides = zip(self.size, own, self.mcu, strict=True)
+            columns, rows = (-(-n * factor // side) for n, factor, side in sides)
+            inside = numbers[:rows, :columns]
+            return np.ascontiguousarray(inside.reshape(-1, 1)), np.zeros(1, np.int64)
+        blocks, slots = [], []
+        for slot, (numbers, (across, down)) in enumerate(parts):
+            rows, columns = numbers.shape
+            cut = numbers.reshape(rows // down, down, columns // across, across)
+            blocks.append(cut.swapaxes(1, 2).reshape(-1, down * across))
+            slots += [slot] * (down * across)
+        return np.concatenate(blocks, axis=1), np.array(slots)
+
+
+@dataclass(frozen=True, eq=False)
+class Jpeg(Frame):
+    """A JPEG without its entropy coding."""
+
+    metadata: tuple[bytes, ...]
+    size: tuple[int, int]
     components: tuple[Component, ...]
     # Tuple of (64,) uint16: the table of each component, in zigzag order
     quantization: tuple[npt.NDArray[np.uint16], ...]
@@ -56,65 +117,11 @@ class Jpeg:
     # of the next
     coefficients: npt.NDArray[np.int16]
 
-    @property
-    def mcu(self) -> tuple[int, int]:
-        """Width and height of a minimum coded unit (MCU) in pixels."""
-        return mcu_size(self.components)
-
-    @property
-    def sampling(self) -> tuple[tuple[int, int], ...]:
-        """Blocks per MCU, across and down, of each component."""
-        return tuple((c.across, c.down) for c in self.components)
-
     def blocks(self, index: int) -> npt.NDArray[np.int16]:
         """(rows, columns, 64) view of the coefficients of one component, padded to full MCUs."""
-        numbers = block_numbers(self.size, self.components)[index]
+        numbers = self.block_numbers()[index]
         part = self.coefficients[numbers[0, 0] : numbers[-1, -1] + 1]
         return part.reshape(*numbers.shape, 64)
-
-
-def mcu_size(components: tuple[Component, ...]) -> tuple[int, int]:
-    """Width and height of an MCU in pixels."""
-    return 8 * max(c.across for c in components), 8 * max(c.down for c in components)
-
-
-def block_numbers(size: tuple[int, int], components: tuple[Component, ...]) -> list[Ints32]:
-    """(rows, columns) block indices of each component, padded to full MCUs."""
-    mcu = mcu_size(components)
-    columns, rows = (-(-pixels // length) for pixels, length in zip(size, mcu, strict=True))
-    numbers, first = [], 0
-    for component in components:
-        shape = rows * component.down, columns * component.across
-        count = shape[0] * shape[1]
-        numbers.append(np.arange(first, first + count, dtype=np.int32).reshape(shape))
-        first += count
-    return numbers
-
-
-def scan_order(
-    size: tuple[int, int],
-    components: tuple[Component, ...],
-    chosen: tuple[int, ...] | range,
-) -> tuple[Ints32, Ints64]:
-    """(units, n) block indices of each coded unit of a scan, and (n,) the component of each block.
-
-    A scan of one component is coded block by block and stops at the picture's edge [T.81 A.2].
-    """
-    numbers, mcu = block_numbers(size, components), mcu_size(components)
-    if len(chosen) == 1:
-        own = components[chosen[0]]
-        columns = -(-size[0] * own.across // mcu[0])
-        rows = -(-size[1] * own.down // mcu[1])
-        inside = numbers[chosen[0]][:rows, :columns]
-        return np.ascontiguousarray(inside.reshape(-1, 1)), np.zeros(1, np.int64)
-    parts, slots = [], []
-    for slot, index in enumerate(chosen):
-        c = components[index]
-        rows, columns = numbers[index].shape
-        cut = numbers[index].reshape(rows // c.down, c.down, columns // c.across, c.across)
-        parts.append(cut.swapaxes(1, 2).reshape(-1, c.down * c.across))
-        slots += [slot] * (c.down * c.across)
-    return np.concatenate(parts, axis=1), np.array(slots)
 
 
 class Marker(IntEnum):
@@ -156,7 +163,7 @@ class Scan:
 
 
 @dataclass(eq=False)
-class Segments:
+class Segments(Frame):
     """A parser of segments: its state after the segments read so far."""
 
     data: bytes
@@ -341,16 +348,6 @@ def _segments(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
             raise JpegError("the JPEG is truncated")
         yield marker, at, end
         at = end
-
-
-def is_rgb(metadata: list[bytes] | tuple[bytes, ...], components: tuple[Component, ...]) -> bool:
-    """True if the channels are red, green and blue, by Adobe's segment or the identifiers."""
-    if len(components) != 3 or any(s[:2] == b"\xff\xe0" and s[4:9] == b"JFIF\0" for s in metadata):
-        return False
-    adobe = [s for s in metadata if s[1] == Marker.APP14 and s[4:9] == b"Adobe" and len(s) >= 16]
-    if adobe:
-        return adobe[0][15] == 0  # the color transform: none
-    return [component.number for component in components] == list(b"RGB")
 
 
 def stored_segment(marker: int, body: bytes) -> bytes:
