@@ -27,7 +27,7 @@ from pydantic.fields import FieldInfo
 
 from blurmatte.checks import Array
 from blurmatte.errors import FileError
-from blurmatte.files.errors import check_exists, unreadable
+from blurmatte.files.errors import beginning
 
 T = TypeVar("T")
 
@@ -57,12 +57,7 @@ def document(schema: type[T]) -> type[T]:
 
 def read_document(path: str | Path, hint: str) -> str:
     """The text of a file; a FileError with this hint if it cannot be read, is no text, or too long."""
-    check_exists(Path(path), hint)
-    try:
-        with Path(path).open("rb") as file:
-            text = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    text = beginning(Path(path), MAX_BYTES + 1, hint)
     if len(text) > MAX_BYTES:
         raise FileError(f"{path}: {hint}; the file has more than the limit of {MAX_BYTES} bytes")
     try:

@@ -40,12 +40,7 @@ def format_of(path: Path) -> Format:
 
     Raises FileError if the file cannot be read or holds no picture that can be.
     """
-    check_exists(path, "give a picture file")
-    try:
-        with path.open("rb") as file:
-            form = recognized(file.read(HEAD_BYTES), path)
-    except OSError as error:
-        raise unreadable(path, error) from error
+    form = recognized(beginning(path, HEAD_BYTES, "give a picture file"), path)
     if form is None:
         raise FileError(
             f"{path}: export it again as PNG, JPEG, TIFF or OpenEXR; the file holds no picture of a "
@@ -81,6 +76,16 @@ def plain_name(path: Path, form: Format | None) -> Iterator[str]:
         except OSError as error:
             raise FileError(f"{path}: rename it; its name cannot be read ({error})") from error
         yield str(link)
+
+
+def beginning(path: Path, most: int, instead_of_folder: str) -> bytes:
+    """The first bytes of a file, at most so many; a FileError if it cannot be read."""
+    check_exists(path, instead_of_folder)
+    try:
+        with path.open("rb") as file:
+            return file.read(most)
+    except OSError as error:
+        raise unreadable(path, error) from error
 
 
 def check_exists(path: Path, instead_of_folder: str) -> None:

@@ -30,9 +30,9 @@ from blurmatte.formats import MAX_PIXELS
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.sensor import (
+    Orientation,
     Pattern,
     demosaic,
-    exif_orientation,
     sees_all_colors,
     tiled,
     variance_shares,
@@ -46,8 +46,6 @@ _USED_TAGS = (
     *(TiffTag.PHOTOMETRIC, TiffTag.MAKE, TiffTag.MODEL, TiffTag.SAMPLE_FORMAT),
     *(TiffTag.DNG_VERSION, TiffTag.UNIQUE_MODEL, TiffTag.BLACK_LEVEL, TiffTag.NOISE_PROFILE),
 )
-# EXIF orientation of LibRaw's flip: 1 mirrored + 2 upside down + 4 transposed.
-_ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 _CONVERT = "convert it to DNG (e.g. with Adobe's free DNG Converter) or to 16-bit linear TIFF"
 
 
@@ -102,7 +100,10 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
         light, valid, shares = _of_three(path, raw, directories, black, white)
     else:
         light, valid, shares = _of_mosaic(path, raw, black, white)
-    turn = exif_orientation(_ORIENTATION[raw.sizes.flip & 7])
+    # LibRaw's flip: 1 mirrored + 2 upside down + 4 transposed after that.
+    mirrored, upside_down, transposed = (bool(raw.sizes.flip & bit) for bit in (1, 2, 4))
+    flips = (upside_down, mirrored) if transposed else (mirrored, upside_down)
+    turn = Orientation(transposed, *flips)
     noise = _noise(directories, shares)
     meta = _meta(path, raw, directories, round(white - black.max()) + 1)
     meta = replace(meta, readout=turn.readout)
