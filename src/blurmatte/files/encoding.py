@@ -12,6 +12,7 @@ import numpy as np
 
 from blurmatte.checks import AnyArray, Array, Floats
 from blurmatte.errors import FileError, TransferWarning, warn
+from blurmatte.files.exif import ColorSpace
 from blurmatte.files.icc import (
     ADOBE_RGB,
     CICP_PRIMARIES,
@@ -22,7 +23,7 @@ from blurmatte.files.icc import (
     parse_profile,
 )
 from blurmatte.files.png import PngHeader
-from blurmatte.files.raster import CICP, DCF, IS_SRGB, PRIMARIES, Raster
+from blurmatte.files.raster import CICP, DCF, PRIMARIES, Raster
 from blurmatte.formats import EXR, FITS
 from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma
 
@@ -41,7 +42,6 @@ _INTEROP_CURVES = {
     **{"lin": LINEAR, "srgb": SRGB},
     **{f"g{tenths}": gamma(tenths / 10) for tenths in (18, 22, 24, 26)},
 }
-_IS_ADOBE = 2  # value of the EXIF tag ColorSpace that some programs write
 _ASSUMED = Profile((SRGB, SRGB, SRGB), None)
 Curves = tuple[Transfer, Transfer, Transfer]
 
@@ -69,7 +69,7 @@ def encoding_of(raster: Raster, transfer: Transfer | None) -> Profile | None:
     matrix = primaries_alone(raster)
     if given is None and raster.levels is None:
         return None if matrix is None else Profile((LINEAR,) * 3, matrix)
-    if given is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
+    if given is None and raster.tags.get("Exif:ColorSpace") != ColorSpace.SRGB:
         warn(
             f"{raster.path}: the file has no color profile, and its code values are taken as sRGB; "
             "if that is right, pass transfer=SRGB (--transfer srgb)",
@@ -93,7 +93,7 @@ def _stated(raster: Raster, given: Curves | None) -> Profile | None:
         return _from_exr(raster, given)
     if raster.format is FITS and raster.levels:
         return Profile(given or (LINEAR,) * 3, None)
-    if raster.tags.get("Exif:ColorSpace") == _IS_ADOBE or raster.tags.get(DCF) == b"R03":
+    if raster.tags.get("Exif:ColorSpace") == ColorSpace.ADOBE_RGB or raster.tags.get(DCF) == b"R03":
         return Profile(given or (gamma(563 / 256),) * 3, matrix_to_srgb(ADOBE_RGB))
     return None
 
@@ -145,7 +145,7 @@ def png_encoding(raster: Raster, given: Curves | None = None) -> Profile | None:
 def primaries_alone(raster: Raster) -> Array | None:
     """From the primaries in a PNG's cHRM chunk or in EXIF, which hold no curve, to those of sRGB."""
     stated = raster.png.chromaticities if raster.png else None
-    if stated is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
+    if stated is None and raster.tags.get("Exif:ColorSpace") != ColorSpace.SRGB:
         stated = raster.tags.get(PRIMARIES)
     return None if stated is None else _matrix(raster.path, "primaries", stated)
 

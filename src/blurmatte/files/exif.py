@@ -48,6 +48,14 @@ class TiffTag(IntEnum):
     NOISE_PROFILE = 51041
 
 
+class ColorSpace(IntEnum):
+    """Values of the tag of that name; some programs write the second."""
+
+    SRGB = 1
+    ADOBE_RGB = 2
+    UNCALIBRATED = 65535
+
+
 EXIF_MARK = b"Exif\0\0"  # before the block in a JPEG; some programs write it in a PNG, too
 
 # Bytes of a number of each type; types 5 and 10 are fractions of two numbers.

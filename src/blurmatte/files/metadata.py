@@ -25,6 +25,7 @@ from blurmatte.files.encoding import icc_profile, png_encoding, primaries_alone
 from blurmatte.files.errors import damaged
 from blurmatte.files.exif import (
     EXIF_MARK,
+    ColorSpace,
     Tag,
     Tags,
     TiffTag,
@@ -39,7 +40,7 @@ from blurmatte.files.exif import (
     without_thumbnail,
 )
 from blurmatte.files.png import MAX_TEXT_BYTES, png_chunks, save_chunks
-from blurmatte.files.raster import IS_SRGB, Raster
+from blurmatte.files.raster import Raster
 from blurmatte.files.raster_writing import compress_jpeg, save_pixels
 from blurmatte.formats import JPEG, PNG, TIFF
 from blurmatte.jpeg.structure import metadata_segments, stored_segment
@@ -264,12 +265,12 @@ def _tags_of(exif: bytes, omitted: tuple[int, ...]) -> dict[int, Any]:
 
 def _with_srgb(tags: dict[int, Any]) -> dict[int, Any]:
     inner = tags.get(TiffTag.EXIF, {})
-    return tags | {TiffTag.EXIF: {**inner, TiffTag.COLOR_SPACE: shorts(IS_SRGB)}}
+    return tags | {TiffTag.EXIF: {**inner, TiffTag.COLOR_SPACE: shorts(ColorSpace.SRGB)}}
 
 
 def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
     """The EXIF for a PNG or JPEG; it states sRGB where the chunks of a PNG did."""
-    stated = raster.tags.get("Exif:ColorSpace") == IS_SRGB or not _png_states_srgb(raster)
+    stated = raster.tags.get("Exif:ColorSpace") == ColorSpace.SRGB or not _png_states_srgb(raster)
     if raster.format is not TIFF and stated:
         return metadata.exif
     tags = _tags_of(metadata.exif, (TiffTag.IPTC, TiffTag.PHOTOSHOP))  # which only a TIFF may hold
@@ -313,7 +314,7 @@ def _png_chunks_of(metadata: Metadata, raster: Raster) -> list[tuple[bytes, byte
     chunks = []
     if profile := icc_profile(raster):
         chunks.append((b"iCCP", b"icc\0\0" + zlib.compress(profile)))
-    elif raster.tags.get("Exif:ColorSpace") == IS_SRGB:
+    elif raster.tags.get("Exif:ColorSpace") == ColorSpace.SRGB:
         chunks.append((b"sRGB", b"\0"))  # rendering intent: perceptual
     if metadata.dpi:
         x, y = (round(value / inch) for value in metadata.dpi)

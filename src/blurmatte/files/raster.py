@@ -72,7 +72,6 @@ _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")
 # libtiff's complaints about compression.
 _UNREADABLE = re.compile(r"([\w ]+) compression support is not|Compression scheme (\d+) ")
 _METHODS = {"34712": "JPEG 2000", "50002": "JPEG XL", "52546": "JPEG XL"}
-IS_SRGB = 1  # value of the EXIF tag ColorSpace
 DCF, PRIMARIES = "DCF", "primaries"  # our names of tags of EXIF that OpenImageIO does not give
 CICP = "CICP"  # and of the primaries, curve, matrix and range of AVIF and HEIC, by ITU-T H.273
 # What Pillow and libheif raise for damaged files.

@@ -17,8 +17,7 @@ import numpy as np
 
 from blurmatte.checks import AnyArray, Codes8, Indices
 from blurmatte.files.errors import plain_name
-from blurmatte.files.exif import TiffTag
-from blurmatte.files.raster import IS_SRGB
+from blurmatte.files.exif import ColorSpace, TiffTag
 
 BLOCK_ROWS = 16  # in a chunk of ZIP compression
 _TALL = (b"dataWindow", b"displayWindow")  # attributes that state the height: x0, y0, x1, y1
@@ -98,7 +97,7 @@ def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> 
 
     exif = Image.Exif()
     ifd = exif.get_ifd(TiffTag.EXIF)
-    ifd[TiffTag.COLOR_SPACE] = IS_SRGB
+    ifd[TiffTag.COLOR_SPACE] = ColorSpace.SRGB
     if exposure_time:
         ifd[TiffTag.EXPOSURE_TIME] = IFDRational(round(exposure_time * 1e6), 1_000_000)
     compress_jpeg(path, codes, exif=exif)

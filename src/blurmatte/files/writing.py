@@ -15,6 +15,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.atomic import ending_of, moved_together, replacing
 from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
+from blurmatte.files.exif import ColorSpace
 from blurmatte.files.exr import exr_parts
 from blurmatte.files.models import (
     model_to_json,
@@ -241,7 +242,8 @@ def _spread_writers(spread: PointSpread) -> Mapping[str, _Writer]:
 
     def save_maps(path: Path) -> None:
         """Both maps as channels."""
-        save_pixels(path, parts, ("weight", "std"), {"Exif:ColorSpace": 65535})  # uncalibrated
+        tags = {"Exif:ColorSpace": int(ColorSpace.UNCALIBRATED)}
+        save_pixels(path, parts, ("weight", "std"), tags)
 
     rows = spread.rows
     return {
