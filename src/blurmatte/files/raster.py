@@ -21,7 +21,6 @@ import numpy as np
 
 from blurmatte.checks import AnyArray, Bools, Floats32
 from blurmatte.errors import FileError, optional_library, warn
-from blurmatte.files import fits
 from blurmatte.files.errors import (
     check_format,
     check_size,
@@ -51,6 +50,8 @@ from blurmatte.formats import (
 from blurmatte.jpeg.structure import JpegError, check_header, metadata_segments
 from blurmatte.radiometry.sensor import Orientation, exif_orientation
 
+_CARDS = ("Bzero", "Bscale", "Bayerpat", "Exptime", "Exposure")  # of FITS, by OpenImageIO's names
+_UNSIGNED_16 = 1 << 15  # BZERO of unsigned integers of 16 bits
 # Other attributes are not read: they may hold text in an unknown encoding.
 _TAGS = (
     *("ICCProfile", "Orientation", "ExposureTime", "Exif:ColorSpace"),
@@ -65,7 +66,7 @@ _TAGS = (
     ),
     *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
-    *fits.CARDS,
+    *_CARDS,
 )
 # Some cameras pad the end of a JPEG; every other complaint of libjpeg means lost pixels.
 _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")
@@ -283,8 +284,8 @@ def _stored(
         found = {name: spec.getattribute(name) for name in _TAGS}
         tags = {name: value for name, value in found.items() if value is not None}
         if form is FITS:
-            fits.check_cards(path, str(spec.format), tags)
-            tags |= fits.exposure_time(tags)
+            _check_cards(path, str(spec.format), tags)
+            tags |= _exposure_of_fits(tags)
         else:
             check_format(path, form, spec, tags)
         kept = wanted_channels(path, tuple(spec.channelnames), names)
@@ -292,7 +293,7 @@ def _stored(
             kept = tuple(name for name in kept if name != "A")
         pixels = _pixels(path, form, source, spec, kept)
         if form is FITS:
-            pixels = fits.in_codes(path, pixels, tags)
+            pixels = _codes_of_fits(path, pixels, tags)
         if tags.get("tiff:PhotometricInterpretation") == 0:
             pixels = _white_is_top(path, pixels, kept, tags)
         return page, pixels, kept, tags, spec
@@ -402,6 +403,63 @@ def _of_exif(block: bytes | mmap.mmap, page: int, alone: bool = False) -> dict[s
         stated["Orientation"] = numbers(nested(tags, TiffTag.ORIENTATION))
         stated["Exif:ColorSpace"] = numbers(nested(tags, TiffTag.EXIF, TiffTag.COLOR_SPACE))
     return found | {name: values[0] for name, values in stated.items() if values}
+
+
+def _check_cards(path: Path, kind: str, cards: Mapping[str, Any]) -> None:
+    """Raise FileError for FITS of numbers that are no light from 0 to white, or of mosaics of colors.
+
+    kind: the type of the numbers as stored.
+    """
+    try:
+        zero, scale = _zero_and_scale(cards)
+    except ValueError as error:
+        raise FileError(f"{path}: save it again; its BZERO or BSCALE is no number") from error
+    usual = {"uint8": (0, 1), "int16": (_UNSIGNED_16, 1)}
+    if kind not in ("float", "double") and usual.get(kind) != (zero, scale):
+        raise FileError(
+            f"{path}: save it as unsigned integers of 16 bits (BZERO 32768), or as floats of which 1 "
+            f"is a saturated pixel; its integers ({kind}, BZERO {zero:g}, BSCALE {scale:g}) have no "
+            "white"
+        )
+    if cards.get("Bayerpat"):
+        raise FileError(
+            f"{path}: save it in color (debayer it); it is the mosaic {str(cards['Bayerpat']).strip()} "
+            "of a color camera"
+        )
+
+
+def _codes_of_fits(path: Path, pixels: AnyArray, cards: Mapping[str, Any]) -> AnyArray:
+    """Code values, or light, of the numbers as stored in a FITS, which are proportional to light.
+
+    Unsigned integers of 16 bits are stored as signed ones from which BZERO, 32768, was subtracted.
+
+    Raises FileError if most floats are above white: then they are counts of a camera.
+    """
+    if pixels.dtype == np.int16:
+        return (pixels.astype(np.int32) + _UNSIGNED_16).astype(np.uint16)
+    if pixels.dtype.kind != "f":
+        return pixels
+    zero, scale = _zero_and_scale(cards)
+    light = np.asarray(zero + scale * pixels, np.float32)
+    typical = float(np.nanmedian(light)) if np.isfinite(light).any() else 0.0
+    if typical > 1:
+        raise FileError(
+            f"{path}: divide it by the value of a saturated pixel, so that 1 is white; half of its "
+            f"floats are above {typical:.3g}"
+        )
+    return light
+
+
+def _exposure_of_fits(cards: Mapping[str, Any]) -> dict[str, float]:
+    """Seconds, by OpenImageIO's name, if they are stated."""
+    found = (cards[name] for name in ("Exptime", "Exposure") if name in cards)
+    seconds = next((float(one) for one in found if isinstance(one, int | float)), None)
+    return {} if seconds is None else {"ExposureTime": seconds}
+
+
+def _zero_and_scale(cards: Mapping[str, Any]) -> tuple[float, float]:
+    """BZERO and BSCALE."""
+    return float(cards.get("Bzero", 0)), float(cards.get("Bscale", 1))
 
 
 def _silent(form: Format) -> AbstractContextManager[None]:
