@@ -5,7 +5,7 @@ frames that agree with it. In this file B is the plate, δ its difference from t
 of one frame and n the number of frames in which a pixel was free.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -218,7 +218,7 @@ def _made(frames: Iterable[LinearImage], against_scene: bool, registered: bool =
         light = float(np.median(samples.few[len(samples.few) // 2]))
         variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
         check_static_camera(samples.gray, variance, samples.names)
-    if samples.are_all:
+    if samples.light.exact and len(samples.light) == samples.count:  # they are all frames
         return _of_samples(samples, against_scene)
     rows, count = slice(0, samples.light.size[1]), samples.count
     modes = find_modes(samples, find_restlessness(samples), rows)
@@ -323,34 +323,22 @@ class _Windows:
 
     n: Floats  # (H, W) number of free frames, at least 2
     usable: Bools  # (H, W) where batches determine a variance
-    own: "_Window"  # of the variance of one frame
-    batches: "_Window"  # of the correlation in time
+    own: Callable[[Floats], Floats]  # means of the variance of one frame
+    batches: Callable[[Floats], Floats]  # and of the correlation in time
 
     @classmethod
     def of(cls, sums: Sums, known: Bools) -> "_Windows":
         """Those of known pixels."""
         n = np.maximum(sums.counts[..., 1], 2).astype(float)
         usable = known & (n**2 > 1.5 * sums.batch_counts)
-        own = _Window.of((n - 1) * known, VARIANCE_WINDOW_PX)
-        return cls(n, usable, own, _Window.of(1.0 * usable, _CORRELATION_WINDOW_PX))
+        own = _window_mean((n - 1) * known, VARIANCE_WINDOW_PX)
+        return cls(n, usable, own, _window_mean(1.0 * usable, _CORRELATION_WINDOW_PX))
 
 
-@dataclass(frozen=True, eq=False)
-class _Window:
-    """Weighted means over the square window of each pixel."""
-
-    weight: Floats  # (H, W)
-    total: Floats  # (H, W) its mean
-    side: int  # pixels
-
-    @classmethod
-    def of(cls, weight: Floats, side: int) -> "_Window":
-        """That of a weight."""
-        return cls(weight, np.maximum(_box_mean(weight, side), 1e-6), side)
-
-    def mean(self, values: Floats) -> Floats:
-        """(H, W) of values."""
-        return np.asarray(_box_mean(values * self.weight, self.side) / self.total)
+def _window_mean(weight: Floats, side: int) -> Callable[[Floats], Floats]:
+    """What takes weighted means over the square window of each pixel."""
+    total = np.maximum(_box_mean(weight, side), 1e-6)
+    return lambda values: np.asarray(_box_mean(values * weight, side) / total)
 
 
 def _box_mean(values: Floats, side: int) -> Floats:
@@ -376,11 +364,11 @@ def _variance(
     delta, q = sums.total[..., c] / n, sums.batch_counts
     v = np.maximum(sums.squares[..., c] - n * delta**2, 0) / (n - 1)
     weight = _VARIANCE_WINDOW_FRAMES
-    local = usual * windows.own.mean(v / usual)
+    local = usual * windows.own(v / usual)
     v = ((n - 1) * v + weight * local) / (n - 1 + weight)
     scatter = sums.batch_squares[..., c] - 2 * delta * sums.batch_products[..., c] + delta**2 * q
     scatter = np.where(windows.usable, scatter / np.maximum(n**2 - q, 1), 0)
-    white, of_batches = (windows.batches.mean(a * n / usual) for a in (v / n, scatter))
+    white, of_batches = (windows.batches(a * n / usual) for a in (v / n, scatter))
     inflation = np.maximum(of_batches / np.maximum(white, VARIANCE_FLOOR), 1)
     kept = _kept_rounding(local / np.maximum(rounding, VARIANCE_FLOOR))
     return np.asarray(v * inflation / n + rounding * kept + VARIANCE_FLOOR), local
