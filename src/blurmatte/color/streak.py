@@ -85,16 +85,14 @@ def fit_color_from_hues(
     if streak is None:
         streak = require_streaks(image, plate)[0]
     pixels = _streak_pixels(image, plate, streak)
-    kinds = {
-        name: EvidenceKinds(hue, feasibility, max_brightness)
-        for name, hue, feasibility in (
-            ("both", True, True), ("hue variation", True, False), ("feasibility", False, True)
-        )
-    }  # fmt: skip
-    spread = {name: posterior(evidence, pixels) for name, evidence in kinds.items()}
-    l, covariance = spread.pop("both")
+    both = EvidenceKinds(True, True, max_brightness)
+    l, covariance = posterior(both, pixels)
+    spread = {
+        "hue variation": posterior(replace(both, feasibility=False), pixels),
+        "feasibility": posterior(replace(both, hue=False), pixels),
+    }
     if image.meta.sharing is not None:
-        by_file = _compression_covariance(l, kinds["both"], image, plate, streak)
+        by_file = _compression_covariance(l, both, image, plate, streak)
         covariance, spread["compression"] = covariance + by_file, (l, by_file)
     evidence = {name: ColorModel(m[:, None], c).angle_std for name, (m, c) in spread.items()}
     model = ColorModel(l[:, None], covariance, evidence, image.meta.to_srgb)
