@@ -389,10 +389,11 @@ def _canvas_of(views: Iterable[Warp], size: tuple[int, int], cell: int) -> Pixel
 def _chained(frames: Sequence[LinearImage], first: int, cell: int, lens: float) -> list[Warp | str]:
     """Views of the frames against one of them, or why there is none."""
     found: list[Warp | str] = ["" for _ in frames]
-    mosaic, at = _Mosaic.begun(_cells(frames[first], cell), lens), first
+    mosaic = _Mosaic.begun(_cells(frames[first], cell), lens)
+    start = mosaic.view, mosaic.gray
     found[first] = mosaic.view
     for part in (range(first + 1, len(frames)), range(first)):
-        mosaic.jump_back()
+        mosaic.view, mosaic.gray = start
         for at, frame in zip(part, frames[part.start : part.stop], strict=False):
             found[at] = mosaic.add(_cells(frame, cell))
     return found
@@ -417,7 +418,6 @@ class _Mosaic:
     lens: float
     view: Warp  # of the last frame that was registered, and its gray picture
     gray: Floats
-    first_gray: Floats
     grows: bool = True
 
     @classmethod
@@ -426,7 +426,7 @@ class _Mosaic:
         gray = frame.rgb.mean(axis=-1)
         view = Warp(np.zeros(8), frame.size, lens, upright=_is_upright(frame))
         rgb, valid = frame.rgb.astype(np.float32), frame.valid.copy()
-        return cls(rgb, valid, PixelGrid(frame.size), frame.size, lens, view, gray, gray)
+        return cls(rgb, valid, PixelGrid(frame.size), frame.size, lens, view, gray)
 
     @classmethod
     def of_plate(cls, plate: LinearImage, grid: PixelGrid, frame: LinearImage) -> _Mosaic:
@@ -434,11 +434,7 @@ class _Mosaic:
         view = Warp(np.zeros(8), frame.size, upright=_is_upright(frame))
         gray = seen_through(replace(view, source=grid), plate).rgb.mean(axis=-1)
         known = plate.rgb.astype(np.float32), plate.valid, grid, frame.size
-        return cls(*known, 0.0, view, gray, gray, grows=False)
-
-    def jump_back(self) -> None:
-        """Go on next to the first frame."""
-        self.view, self.gray = replace(self.view, h=np.zeros(8)), self.first_gray
+        return cls(*known, 0.0, view, gray, grows=False)
 
     def add(self, frame: LinearImage) -> Warp | str:
         """Register a frame, and add what it shows first; or why it is not registered."""

@@ -100,11 +100,6 @@ class Samples:
             gray[rows] = (strip[..., 0] + strip[..., 1] + strip[..., 2]) / np.float32(3)
         return gray
 
-    @property
-    def are_all(self) -> bool:
-        """Whether these are all frames, as they were read."""
-        return self.light.exact and len(self.light) == self.count
-
 
 class CutError(PlateError):
     """Frames of several scenes."""
@@ -232,8 +227,9 @@ def _samples(
     check_picture("the first frame", one)
     most = _MAX_BYTES / (6 * one.valid.size)
     which = _spaced(count, int(np.clip(most, _MIN_SAMPLES, _MAX_SAMPLES)))
-    numbers = range(count)[which]
-    yield from zip(numbers, _every(frames, numbers.start, numbers.step), strict=False)
+    start, step = which.start, which.step  # a sequence can read only these
+    every = frames[which] if isinstance(frames, Sequence) else islice(frames, start, None, step)
+    yield from zip(range(count)[which], every, strict=False)
 
 
 def _spaced(count: int, most: int) -> slice:
@@ -245,12 +241,6 @@ def _spaced(count: int, most: int) -> slice:
 def _part(light: npt.NDArray[np.float16], box: Box, every: int) -> LinearImage:
     x0, y0, x1, y1 = box
     return LinearImage(light[y0:y1:every, x0:x1:every].astype(np.float32))
-
-
-def _every(frames: Iterable[LinearImage], start: int, step: int) -> Iterator[LinearImage]:
-    if isinstance(frames, Sequence):  # it can read only these
-        return iter(frames[start::step])
-    return islice(iter(frames), start, None, step)
 
 
 def _noise_rows(frame: LinearImage) -> LinearImage:

@@ -21,7 +21,6 @@ from blurmatte.files.raw import read_raw
 from blurmatte.formats import JPEG, MAX_PIXELS, RAW
 from blurmatte.jpeg.coding import compression_of
 from blurmatte.layer import Layer
-from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.image import LinearImage, Meta, decode
 from blurmatte.radiometry.transfer import LINEAR, TRANSFER_HINT, Transfer
 
@@ -240,7 +239,9 @@ def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> Non
 def _meta(raster: Raster, encoding: Profile | None) -> Meta:
     stated = raster.tags.get("ExposureTime", 0)
     seconds = float(stated) if isinstance(stated, int | float) else 0.0  # some programs write pairs
-    compression = _compression(raster)
+    compression = None  # that of other files is not known
+    if raster.format is JPEG:
+        compression = compression_of(raster.path.read_bytes(), raster.orientation)
     same_primaries = encoding is not None and encoding.matrix is None
     return Meta(
         source=raster.path.name,
@@ -256,10 +257,3 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         subsampled=raster.subsampled or (compression is not None and max(compression.shared) > 1),
         readout=raster.orientation.readout,
     )
-
-
-def _compression(raster: Raster) -> Compression | None:
-    """The compression of a JPEG; that of other files is not known."""
-    if raster.format is not JPEG:
-        return None
-    return compression_of(raster.path.read_bytes(), raster.orientation)

@@ -149,11 +149,6 @@ class Ball:
         return np.array([self.color, second])
 
     @cached_property
-    def _axis(self) -> Array:
-        """(3,) unit vector along the pole of the band."""
-        return unit_direction("axis", self.axis)
-
-    @cached_property
     def _bordered_texture(self) -> Array:
         """(h + 2, w + 2, 3) the texture with a border that continues it, or 0 × 0 without one."""
         if self.texture is None:
@@ -235,7 +230,7 @@ class Ball:
             glossy=self.highlight > 0,
             shininess=float(self.shininess),
             paints=self._paints,
-            axis=(pose.rotation @ self._axis)[None],
+            axis=(pose.rotation @ unit_direction("axis", self.axis))[None],
             band=0.0 if self.second_color is None else float(self.band),
             texture=self._bordered_texture,
         )
