@@ -8,9 +8,10 @@ import OpenImageIO as oiio
 import pytest
 from numpy.testing import assert_allclose
 from PIL import Image, ImageCms
+from PIL.ExifTags import Base as TiffTag
 
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files.exif import EXIF_MARK, Tag, TiffTag, shorts, tags_block
+from blurmatte.files.exif import EXIF_MARK, Tag, shorts, tags_block
 from blurmatte.files.inplace import write_changed
 from blurmatte.files.reading import read, read_layer
 from blurmatte.files.writing import write
@@ -206,8 +207,8 @@ def test_color_spaces_of_an_exr_are_rejected_by_name(tmp_path, attributes, says)
 @pytest.mark.parametrize("extension", ["jpg", "tif", "png"])
 def test_adobe_rgb_by_exif_is_converted(tmp_path, extension):
     """R03 of DCF 2.0, with the uncalibrated color space."""
-    tags = {TiffTag.INTEROPERABILITY: {TiffTag.INTEROPERABILITY_INDEX: Tag(2, 4, b"R03\0")}}
-    block = tags_block({TiffTag.EXIF: {TiffTag.COLOR_SPACE: shorts(65535), **tags}})
+    tags = {TiffTag.ExifInteroperabilityOffset: {TiffTag.InteropIndex: Tag(2, 4, b"R03\0")}}
+    block = tags_block({TiffTag.ExifOffset: {TiffTag.ColorSpace: shorts(65535), **tags}})
     path = tmp_path / f"a.{'png' if extension == 'png' else 'jpg'}"
     codes = np.rint(255 * of_light(ADOBE) ** (256 / 563)).astype(np.uint8)
     picture = Image.fromarray(np.tile(codes, (16, 16, 1)))

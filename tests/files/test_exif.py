@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 from PIL import Image
+from PIL.ExifTags import Base as TiffTag
 from PIL.TiffImagePlugin import IFDRational
 
 import blurmatte as bm
 from blurmatte.files.exif import (
     Tag,
-    TiffTag,
     longs,
     numbers,
     parse_tags,
@@ -82,7 +82,7 @@ def test_values_of_every_type():
 )
 def test_exposure_time_of_any_type_is_read(tmp_path, time, extension):
     """Oracle: 1/250 s, in the type that EXIF wants and in those of other programs."""
-    exif = b"Exif\0\0" + tags_block({TiffTag.EXIF: {TiffTag.EXPOSURE_TIME: time}})
+    exif = b"Exif\0\0" + tags_block({TiffTag.ExifOffset: {TiffTag.ExposureTime: time}})
     file = tmp_path / f"a.{extension}"
     Image.fromarray(np.full((16, 16, 3), 100, np.uint8)).save(file, exif=exif)
     assert bm.read(file, transfer=bm.SRGB).meta.exposure_time == pytest.approx(0.004)

@@ -12,40 +12,8 @@ from enum import IntEnum
 from typing import Union
 
 import numpy as np
-
-
-class TiffTag(IntEnum):
-    """Numbers of tags [TIFF 6.0, EXIF 2.32, DNG 1.4]."""
-
-    INTEROPERABILITY_INDEX = 1
-    PHOTOMETRIC = 262
-    MAKE = 271
-    MODEL = 272
-    STRIP_OFFSETS = 273
-    STRIP_LENGTHS = 279
-    X_RESOLUTION = 282
-    Y_RESOLUTION = 283
-    ORIENTATION = 274
-    RESOLUTION_UNIT = 296
-    WHITE_POINT = 318
-    PRIMARY_CHROMATICITIES = 319
-    SUB_DIRECTORIES = 330
-    SAMPLE_FORMAT = 339
-    THUMBNAIL = 513
-    THUMBNAIL_LENGTH = 514
-    XMP = 700
-    EXPOSURE_TIME = 33434
-    IPTC = 33723
-    PHOTOSHOP = 34377
-    EXIF = 34665
-    ICC = 34675
-    GPS = 34853
-    COLOR_SPACE = 40961
-    INTEROPERABILITY = 40965
-    DNG_VERSION = 50706
-    UNIQUE_MODEL = 50708
-    BLACK_LEVEL = 50714
-    NOISE_PROFILE = 51041
+from PIL.ExifTags import Base as TiffTag
+from PIL.TiffTags import DOUBLE, FLOAT, LONG, RATIONAL, SHORT, SIGNED_RATIONAL
 
 
 class ColorSpace(IntEnum):
@@ -58,10 +26,9 @@ class ColorSpace(IntEnum):
 
 EXIF_MARK = b"Exif\0\0"  # before the block in a JPEG; some programs write it in a PNG, too
 
-# Bytes of a number of each type; types 5 and 10 are fractions of two numbers.
+# Bytes of a number of each type; rationals are fractions of two numbers.
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12: 8, 13: 4, 16: 8}
-_FLOATS = (11, 12)  # types of 4 and of 8 bytes
-_DIRECTORIES = (TiffTag.EXIF, TiffTag.GPS, TiffTag.INTEROPERABILITY)
+_DIRECTORIES = (TiffTag.ExifOffset, TiffTag.GPSInfo, TiffTag.ExifInteroperabilityOffset)
 
 
 @dataclass(frozen=True)
@@ -78,17 +45,17 @@ Tags = Mapping[int, Union[Tag, "Tags"]]
 
 def shorts(*values: int) -> Tag:
     """A tag of 16-bit numbers."""
-    return Tag(3, len(values), struct.pack(f">{len(values)}H", *values))
+    return Tag(SHORT, len(values), struct.pack(f">{len(values)}H", *values))
 
 
 def longs(*values: int) -> Tag:
     """A tag of 32-bit numbers."""
-    return Tag(4, len(values), struct.pack(f">{len(values)}L", *values))
+    return Tag(LONG, len(values), struct.pack(f">{len(values)}L", *values))
 
 
 def rational(value: float) -> Tag:
     """A tag of one fraction, in thousandths."""
-    return Tag(5, 1, struct.pack(">2L", round(value * 1000), 1000))
+    return Tag(RATIONAL, 1, struct.pack(">2L", round(value * 1000), 1000))
 
 
 def numbers(tag: Union[Tag, "Tags"]) -> list[int]:
@@ -122,7 +89,7 @@ def fractions(tag: Union[Tag, "Tags"]) -> list[float]:
 
     EXIF wants type 5, but some programs write pairs of shorter integers, or floats.
     """
-    if isinstance(tag, Tag) and tag.form in _FLOATS:
+    if isinstance(tag, Tag) and tag.form in (FLOAT, DOUBLE):
         return [float(n) for n in np.frombuffer(tag.data, f">f{_BYTES[tag.form]}")]
     values = numbers(tag)
     pairs = list(zip(values[::2], values[1::2], strict=False))
@@ -148,7 +115,7 @@ def without_thumbnail(block: bytes) -> bytes:
     result = bytearray(block)
     result[end - 4 : end] = b"\0" * 4
     start, length = (
-        numbers(small.get(tag, {}))[:1] for tag in (TiffTag.THUMBNAIL, TiffTag.THUMBNAIL_LENGTH)
+        numbers(small.get(tag, {}))[:1] for tag in (TiffTag.JpegIFOffset, TiffTag.JpegIFByteCount)
     )
     if start and length and start[0] + length[0] <= len(block):
         result[start[0] : start[0] + length[0]] = b"\0" * length[0]
@@ -185,7 +152,7 @@ def _directory(
     remaining = len(block)  # values do not overlap, except in files made to exhaust memory
     for entry in range(first, end - width, length):
         name, form, many = struct.unpack_from(order + "HH" + offset[1], block, entry)
-        size = _BYTES.get(form, 0) * many * (2 if form in (5, 10) else 1)
+        size = _BYTES.get(form, 0) * many * (2 if form in (RATIONAL, SIGNED_RATIONAL) else 1)
         value = entry + length - width
         (start,) = (value,) if size <= width else struct.unpack_from(offset, block, value)
         data = block[start : start + size]
@@ -220,7 +187,7 @@ def _packed(tags: Tags, at: int, order: str) -> bytes:
         tag, start = tags[name], struct.pack(order + "L", behind + len(values))
         if not isinstance(tag, Tag):
             data = _packed(tag, behind + len(values), order)
-            entries += struct.pack(order + "HHL", name, 4, 1) + start
+            entries += struct.pack(order + "HHL", name, LONG, 1) + start
         else:
             data = _swapped(tag.data, tag.form, order)
             inside = len(data) <= 4

@@ -17,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL.ExifTags import Base as TiffTag
+from PIL.TiffTags import BYTE, UNDEFINED
 from scipy.constants import inch
 
 from blurmatte.checks import AnyArray
@@ -28,7 +30,6 @@ from blurmatte.files.exif import (
     ColorSpace,
     Tag,
     Tags,
-    TiffTag,
     fractions,
     longs,
     nested,
@@ -54,7 +55,8 @@ _LAYOUT = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 317, 338, 339)
 # TIFF tags that are not copied: layout, other pages, thumbnails, Photoshop's layers; XMP and ICC.
 _NOT_COPIED = (
     *_LAYOUT,
-    *(254, 255, 280, 281, 330, 332, 333, 334, 336, 340, 341, 347, 37724, TiffTag.XMP, TiffTag.ICC),
+    *(254, 255, 280, 281, 330, 332, 333, 334, 336, 340, 341, 347, 37724),
+    *(TiffTag.XMLPacket, TiffTag.InterColorProfile),
     *(*range(263, 267), *range(288, 294), *range(320, 326), *range(512, 522), *range(529, 533)),
 )
 # PNG chunks of pixels and of animations, and those that describe the channels.
@@ -145,14 +147,14 @@ def save_tiff(path: Path, raster: Raster, pixels: AnyArray) -> None:
     written = path.read_bytes()
     layout = {name: tag for name, tag in parse_tags(written).items() if name in _LAYOUT}
     offsets, lengths = (
-        numbers(layout[tag]) for tag in (TiffTag.STRIP_OFFSETS, TiffTag.STRIP_LENGTHS)
+        numbers(layout[tag]) for tag in (TiffTag.StripOffsets, TiffTag.StripByteCounts)
     )
     tags = _tiff_tags_of(read_metadata(raster), raster) | layout
-    tags |= {TiffTag.STRIP_OFFSETS: longs(*offsets), TiffTag.STRIP_LENGTHS: longs(*lengths)}
+    tags |= {TiffTag.StripOffsets: longs(*offsets), TiffTag.StripByteCounts: longs(*lengths)}
     start = len(tags_block(tags, "<"))
     ends = np.cumsum(lengths).tolist()
     new_offsets = (start + end - length for end, length in zip(ends, lengths, strict=True))
-    tags[TiffTag.STRIP_OFFSETS] = longs(*new_offsets)
+    tags[TiffTag.StripOffsets] = longs(*new_offsets)
     with path.open("wb") as file:
         file.write(tags_block(tags, "<"))
         for offset, length in zip(offsets, lengths, strict=True):
@@ -202,7 +204,7 @@ def _read_png(raster: Raster) -> Metadata:
 
 def _without_orientation(exif: bytes) -> bytes:
     """EXIF from behind the pixels of a PNG, where readers ignore its orientation."""
-    tags = _tags_of(exif, (TiffTag.ORIENTATION,))
+    tags = _tags_of(exif, (TiffTag.Orientation,))
     return tags_block(tags) if tags else b""
 
 
@@ -235,19 +237,19 @@ def _read_tiff(raster: Raster) -> Metadata:
         tags = parse_tags(raster.path.read_bytes(), raster.page)
     except ValueError as error:
         raise damaged(raster.path, "TIFF", [f"its tags: {error}"]) from error
-    xmp = tags.get(TiffTag.XMP)
+    xmp = tags.get(TiffTag.XMLPacket)
     kept = {name: tag for name, tag in tags.items() if name not in _NOT_COPIED}
-    resources = kept.get(TiffTag.PHOTOSHOP)
+    resources = kept.get(TiffTag.ImageResources)
     if isinstance(resources, Tag):
         data = without_small_copies(resources.data)
-        kept[TiffTag.PHOTOSHOP] = Tag(resources.form, len(data), data)
+        kept[TiffTag.ImageResources] = Tag(resources.form, len(data), data)
     exif = tags_block(kept) if kept else b""
     return Metadata(exif, xmp.data if isinstance(xmp, Tag) else b"", _dpi(kept))
 
 
 def _dpi(tags: Tags) -> tuple[float, float] | None:
-    (unit,) = numbers(tags.get(TiffTag.RESOLUTION_UNIT, shorts(_INCH)))[:1] or [_INCH]
-    x, y = (fractions(nested(tags, tag)) for tag in (TiffTag.X_RESOLUTION, TiffTag.Y_RESOLUTION))
+    (unit,) = numbers(tags.get(TiffTag.ResolutionUnit, shorts(_INCH)))[:1] or [_INCH]
+    x, y = (fractions(nested(tags, tag)) for tag in (TiffTag.XResolution, TiffTag.YResolution))
     if unit not in (_INCH, _CENTIMETER) or len(x) != 1 or len(y) != 1:
         return None
     scale = 1 if unit == _INCH else 2.54
@@ -264,8 +266,8 @@ def _tags_of(exif: bytes, omitted: tuple[int, ...]) -> dict[int, Any]:
 
 
 def _with_srgb(tags: dict[int, Any]) -> dict[int, Any]:
-    inner = tags.get(TiffTag.EXIF, {})
-    return tags | {TiffTag.EXIF: {**inner, TiffTag.COLOR_SPACE: shorts(ColorSpace.SRGB)}}
+    inner = tags.get(TiffTag.ExifOffset, {})
+    return tags | {TiffTag.ExifOffset: {**inner, TiffTag.ColorSpace: shorts(ColorSpace.SRGB)}}
 
 
 def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
@@ -273,7 +275,8 @@ def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
     stated = raster.tags.get("Exif:ColorSpace") == ColorSpace.SRGB or not _png_states_srgb(raster)
     if raster.format is not TIFF and stated:
         return metadata.exif
-    tags = _tags_of(metadata.exif, (TiffTag.IPTC, TiffTag.PHOTOSHOP))  # which only a TIFF may hold
+    of_tiff = TiffTag.IPTCNAA, TiffTag.ImageResources  # which only a TIFF may hold
+    tags = _tags_of(metadata.exif, of_tiff)
     tags = tags if stated else _with_srgb(tags)
     return tags_block(tags) if tags else b""
 
@@ -298,14 +301,14 @@ def _tiff_tags_of(metadata: Metadata, raster: Raster) -> dict[int, Any]:
     tags = _tags_of(metadata.exif, _NOT_COPIED)
     if _png_states_srgb(raster):
         tags = _with_srgb(tags)
-    if metadata.dpi and TiffTag.X_RESOLUTION not in tags:
+    if metadata.dpi and TiffTag.XResolution not in tags:
         x, y = map(rational, metadata.dpi)
-        tags |= {TiffTag.X_RESOLUTION: x, TiffTag.Y_RESOLUTION: y}
-        tags |= {TiffTag.RESOLUTION_UNIT: shorts(_INCH)}
+        tags |= {TiffTag.XResolution: x, TiffTag.YResolution: y}
+        tags |= {TiffTag.ResolutionUnit: shorts(_INCH)}
     if profile := icc_profile(raster):
-        tags[TiffTag.ICC] = Tag(7, len(profile), profile)
+        tags[TiffTag.InterColorProfile] = Tag(UNDEFINED, len(profile), profile)
     if metadata.xmp:
-        tags[TiffTag.XMP] = Tag(1, len(metadata.xmp), metadata.xmp)
+        tags[TiffTag.XMLPacket] = Tag(BYTE, len(metadata.xmp), metadata.xmp)
     return tags
 
 

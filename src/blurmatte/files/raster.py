@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL.ExifTags import Base as TiffTag
 
 from blurmatte.checks import AnyArray, Bools, Floats32
 from blurmatte.errors import FileError, optional_library, warn
@@ -31,7 +32,7 @@ from blurmatte.files.errors import (
     silent_libraries,
     wanted_channels,
 )
-from blurmatte.files.exif import EXIF_MARK, Tag, TiffTag, fractions, nested, numbers, parse_tags
+from blurmatte.files.exif import EXIF_MARK, Tag, fractions, nested, numbers, parse_tags
 from blurmatte.files.icc import H273
 from blurmatte.files.png import PngHeader, check_png, inspect_png
 from blurmatte.formats import (
@@ -387,21 +388,21 @@ def _of_exif(block: bytes | mmap.mmap, page: int, alone: bool = False) -> dict[s
     except ValueError:  # some cameras and programs write invalid EXIF
         return {}
     found: dict[str, Any] = {}
-    interoperability = TiffTag.EXIF, TiffTag.INTEROPERABILITY, TiffTag.INTEROPERABILITY_INDEX
+    interoperability = TiffTag.ExifOffset, TiffTag.ExifInteroperabilityOffset, TiffTag.InteropIndex
     if isinstance(index := nested(tags, *interoperability), Tag):
         found[DCF] = index.data.rstrip(b"\0")
     white, colors = (
         fractions(tags.get(name, {}))
-        for name in (TiffTag.WHITE_POINT, TiffTag.PRIMARY_CHROMATICITIES)
+        for name in (TiffTag.WhitePoint, TiffTag.PrimaryChromaticities)
     )
     if len(white) == 2 and len(colors) == 6:
         found[PRIMARIES] = (*colors, *white)
     stated: dict[str, Sequence[float]] = {
-        "ExposureTime": fractions(nested(tags, TiffTag.EXIF, TiffTag.EXPOSURE_TIME))
+        "ExposureTime": fractions(nested(tags, TiffTag.ExifOffset, TiffTag.ExposureTime))
     }
     if alone:
-        stated["Orientation"] = numbers(nested(tags, TiffTag.ORIENTATION))
-        stated["Exif:ColorSpace"] = numbers(nested(tags, TiffTag.EXIF, TiffTag.COLOR_SPACE))
+        stated["Orientation"] = numbers(nested(tags, TiffTag.Orientation))
+        stated["Exif:ColorSpace"] = numbers(nested(tags, TiffTag.ExifOffset, TiffTag.ColorSpace))
     return found | {name: values[0] for name, values in stated.items() if values}
 
 

@@ -14,10 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL.ExifTags import Base as TiffTag
 
 from blurmatte.checks import AnyArray, Codes8, Indices
 from blurmatte.files.errors import plain_name
-from blurmatte.files.exif import ColorSpace, TiffTag
+from blurmatte.files.exif import ColorSpace
 
 BLOCK_ROWS = 16  # in a chunk of ZIP compression
 _TALL = (b"dataWindow", b"displayWindow")  # attributes that state the height: x0, y0, x1, y1
@@ -96,10 +97,10 @@ def save_jpeg(path: Path, codes: Codes8, exposure_time: float | None = None) -> 
     from PIL.TiffImagePlugin import IFDRational
 
     exif = Image.Exif()
-    ifd = exif.get_ifd(TiffTag.EXIF)
-    ifd[TiffTag.COLOR_SPACE] = ColorSpace.SRGB
+    ifd = exif.get_ifd(TiffTag.ExifOffset)
+    ifd[TiffTag.ColorSpace] = ColorSpace.SRGB
     if exposure_time:
-        ifd[TiffTag.EXPOSURE_TIME] = IFDRational(round(exposure_time * 1e6), 1_000_000)
+        ifd[TiffTag.ExposureTime] = IFDRational(round(exposure_time * 1e6), 1_000_000)
     compress_jpeg(path, codes, exif=exif)
 
 

@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import scipy
+from PIL.ExifTags import Base as TiffTag
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.errors import check_size, silent_libraries
-from blurmatte.files.exif import TiffTag
 from blurmatte.files.icc import BT709, xyz_of
 from blurmatte.formats import MAX_PIXELS
 from blurmatte.radiometry.image import LinearImage, Meta
@@ -43,8 +43,8 @@ Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]
 
 _USED_TAGS = (
-    *(TiffTag.PHOTOMETRIC, TiffTag.MAKE, TiffTag.MODEL, TiffTag.SAMPLE_FORMAT),
-    *(TiffTag.DNG_VERSION, TiffTag.UNIQUE_MODEL, TiffTag.BLACK_LEVEL, TiffTag.NOISE_PROFILE),
+    *(TiffTag.PhotometricInterpretation, TiffTag.Make, TiffTag.Model, TiffTag.SampleFormat),
+    *(TiffTag.DNGVersion, TiffTag.UniqueCameraModel, TiffTag.BlackLevel, TiffTag.NoiseProfile),
 )
 _CONVERT = "convert it to DNG (e.g. with Adobe's free DNG Converter) or to 16-bit linear TIFF"
 
@@ -66,8 +66,8 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
     directories = _directories(path)
     for tags in directories:
         # A mosaic or linear RAW, whose sample format is floating point.
-        if tags.get(TiffTag.PHOTOMETRIC) in (32803, 34892) and (
-            tags.get(TiffTag.SAMPLE_FORMAT) in (3, (3,), (3, 3, 3))
+        if tags.get(TiffTag.PhotometricInterpretation) in (32803, 34892) and (
+            tags.get(TiffTag.SampleFormat) in (3, (3,), (3, 3, 3))
         ):
             raise FileError(f"{path}: export it as EXR; it holds floats, not sensor data")
     try:
@@ -126,7 +126,7 @@ def _levels(path: Path, raw: Any, directories: Sequence[Tags]) -> tuple[Floats, 
 
 def _exact_black(raw: Any, directories: Sequence[Tags]) -> Floats:
     """(4,) black level of each of LibRaw's colors in a DNG, or NaN; LibRaw truncates fractions."""
-    stated = _numbers(directories, TiffTag.BLACK_LEVEL)
+    stated = _numbers(directories, TiffTag.BlackLevel)
     black = np.full(4, np.nan, np.float32)
     if stated.size == 1:
         black[:] = stated
@@ -158,7 +158,7 @@ def _of_three(
     path: Path, raw: Any, directories: Sequence[Tags], black: Floats, white: float
 ) -> tuple[Floats, Bools, Floats]:
     """Light and validity of an interpolated DNG, and the factors of its noise variance."""
-    if _first(directories, TiffTag.DNG_VERSION) is None or raw.num_colors != 3:
+    if _first(directories, TiffTag.DNGVersion) is None or raw.num_colors != 3:
         raise FileError(
             f"{path}: develop it to 16-bit linear TIFF; it holds no mosaic of red, green and blue "
             "(a Foveon sensor, or a reduced RAW)"
@@ -211,7 +211,7 @@ def _around(pixels: Bools) -> Bools:
 
 def _noise(directories: Sequence[Tags], shares: Floats) -> NoiseModel | None:
     """The noise of a DNG's NoiseProfile: variance S · light + O of a sensor pixel [DNG 1.4]."""
-    profile = _numbers(directories, TiffTag.NOISE_PROFILE)
+    profile = _numbers(directories, TiffTag.NoiseProfile)
     if profile.size not in (2, 6) or not (np.isfinite(profile) & (profile >= 0)).all():
         return None
     S, O = (np.broadcast_to(column, 3) * shares for column in profile.reshape(-1, 2).T)
@@ -236,7 +236,7 @@ def _meta(path: Path, raw: Any, directories: Sequence[Tags], levels: int) -> Met
 def _camera(directories: Sequence[Tags]) -> str:
     make, model, unique = (
         str(_first(directories, tag) or "").strip("\0 ")
-        for tag in (TiffTag.MAKE, TiffTag.MODEL, TiffTag.UNIQUE_MODEL)
+        for tag in (TiffTag.Make, TiffTag.Model, TiffTag.UniqueCameraModel)
     )
     name = model if model.lower().startswith(make.lower()) else f"{make} {model}"
     return name.strip() or unique
@@ -286,7 +286,7 @@ def _directories(path: Path) -> list[Tags]:
                 file.seek(offsets.pop(0))
                 directory.load(file)
                 found.append({tag: directory[tag] for tag in _USED_TAGS if tag in directory})
-                below = directory.get(TiffTag.SUB_DIRECTORIES, ())
+                below = directory.get(TiffTag.SubIFDs, ())
                 offsets += below if isinstance(below, tuple) else (below,)
     except (OSError, SyntaxError, ValueError, TypeError, KeyError, OverflowError, struct.error):
         return found  # LibRaw reports the damage

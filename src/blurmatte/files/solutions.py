@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from PIL.TiffTags import ASCII, BYTE, LONG, SHORT
 
 from blurmatte.checks import AnyArray, strips
 from blurmatte.errors import FileError
@@ -34,7 +35,6 @@ CHANNELS = (
     *("premultiplied.R", "premultiplied.G", "premultiplied.B"),
     *("premultiplied_std.R", "premultiplied_std.G", "premultiplied_std.B", "quality.flags"),
 )
-_SHORT, _LONG, _ASCII, _BYTE = 3, 4, 2, 1  # types of TIFF
 _MOST_BYTES = 2**32 - 2**20  # offsets of TIFF have 32 bits
 
 
@@ -175,9 +175,9 @@ def save_stack(path: Path, maps: Mapping[str, AnyArray], about: str) -> None:
             entries = _page(width, height, data + k * size)
             if k == 0:
                 entries += [
-                    (270, _ASCII, len(description), at["description"]),
-                    (50838, _LONG, len(counts) // 4, at["counts"]),
-                    (50839, _BYTE, len(parts), at["parts"]),
+                    (270, ASCII, len(description), at["description"]),
+                    (50838, LONG, len(counts) // 4, at["counts"]),
+                    (50839, BYTE, len(parts), at["parts"]),
                 ]
             directory = b"".join(struct.pack("<HHII", *entry) for entry in sorted(entries))
             after = 0 if k == len(maps) - 1 else file.tell() + 2 + len(directory) + 4
@@ -196,8 +196,8 @@ def _page(width: int, height: int, offset: int) -> list[tuple[int, int, int, int
         339: 3,
     }  # bits, uncompressed, gray, one channel, float
     return [
-        *((tag, _LONG, 1, value) for tag, value in numbers.items()),
-        *((tag, _SHORT, 1, value) for tag, value in codes.items()),
+        *((tag, LONG, 1, value) for tag, value in numbers.items()),
+        *((tag, SHORT, 1, value) for tag, value in codes.items()),
     ]
 
 
