@@ -13,8 +13,8 @@ import math
 import reprlib
 import sys
 import tomllib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, make_dataclass
 from difflib import get_close_matches
 from functools import cache
 from itertools import chain
@@ -49,10 +49,19 @@ class DocumentError(FileError):
 
 
 @dataclass_transform()
-def document(schema: type[T]) -> type[T]:
-    """Make a class a dataclass that refuses keys other than its fields when a document is read."""
-    schema.__pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[attr-defined]
-    return dataclass(schema)
+def document(*notes: str) -> Callable[[type[T]], type[T]]:
+    """Make a class a dataclass that refuses keys other than its fields when a document is read.
+
+    notes: other keys that it has for people; their values are not read.
+    """
+
+    def made(schema: type[T]) -> type[T]:
+        """The dataclass, with a field for each note."""
+        schema.__pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[attr-defined]
+        unread = [(name, Any, None) for name in notes]
+        return make_dataclass(schema.__name__, unread, bases=(dataclass(schema),))
+
+    return made
 
 
 def read_document(path: str | Path, hint: str) -> str:

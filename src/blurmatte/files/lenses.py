@@ -166,18 +166,15 @@ def _also(*names: str) -> Any:
 _Size = Annotated[int, numbers(0, MAX_PX, whole=True)]
 
 
-@document
+@document("width", "height", "do_rectify")
 class _Region:
     """The part of the sensor that ROS's pictures show; zeros stand for all of it."""
 
     x_offset: Literal[0] = 0
     y_offset: Literal[0] = 0
-    width: Any = None
-    height: Any = None
-    do_rectify: Any = None
 
 
-@document
+@document()
 class _LensFields:
     fx: Annotated[float, numbers(MIN_FOCAL_LENGTH, MAX_PX)] | None = None
     fy: Annotated[float, numbers(MIN_FOCAL_LENGTH, MAX_PX)] | None = None

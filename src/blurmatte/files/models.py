@@ -38,6 +38,11 @@ MAX_COLOR_VARIANCE = (
 )
 MAX_NOISE = 1e3  # gain and standard deviations, of white
 
+# Fields of a fit that a file of its curve has for people.
+_OF_RESPONSE = (
+    *("exposure_times", "noise", "agreement", "seen"),
+    *("channel_difference", "channels_agree", "residuals", "std"),
+)
 _TRANSFER_HINT = "give a file that blurmatte calibrate response wrote"
 
 
@@ -117,17 +122,13 @@ def sweep_from_json(text: str) -> Sweep:
     return _sweep(known, parse_json(text, shape_kind(known.kind)))
 
 
-@document
+@document("rank", "color", "hex")  # which follow from the others
 class _ModelFields:
     basis: Annotated[Array, numbers(-MAX_UNIT, MAX_UNIT, 3, None)]
     covariance: Annotated[Array, covariance_matrix(MAX_COLOR_VARIANCE, 3, 3)]
     evidence: dict[str, Annotated[float, numbers(0, MAX_FLOAT)] | None]
     to_srgb: Annotated[Array, numbers(-MAX_GAIN, MAX_GAIN, 3, 3)] | None = None
     mean: Annotated[Array, numbers(-MAX_LIGHT, MAX_LIGHT, 3)] | None = None
-    # They follow from the others; for people.
-    rank: Any = None
-    color: Any = None
-    hex: Any = None
 
 
 def _model(fields: _ModelFields) -> ColorModel:
@@ -140,7 +141,7 @@ def _model(fields: _ModelFields) -> ColorModel:
 MODEL = Annotated[_ModelFields, AfterValidator(_model)]
 
 
-@document
+@document()
 class _PathFields:
     xy: Annotated[Array, numbers(-MAX_PX, MAX_PX, None, 2)]
     t: Annotated[Array, numbers(0, 1, None)]
@@ -233,14 +234,8 @@ def transfer_to_mapping(curve: Transfer | ResponseFit) -> dict[str, Any]:
         return {"name": curve.name, "light": curve.table(TABLE)}
     return {
         "name": curve.transfer.name,
-        "exposure_times": curve.exposure_times,
-        "noise": curve.noise,
-        "agreement": curve.agreement,
-        "seen": curve.seen,
-        "channel_difference": curve.channel_difference,
+        **{name: getattr(curve, name) for name in _OF_RESPONSE},
         "channels_agree": int(curve.channels_agree),
-        "residuals": curve.residuals,
-        "std": curve.std,
         "light": curve.transfer.table(TABLE),
     }
 
@@ -264,17 +259,11 @@ def read_transfer(path: str | Path) -> Transfer:
     return curve
 
 
-@document
+@document("sensor", "rounding", "scale", "coherence", "changed")  # how a fit found them
 class _NoiseFields:
     gain: Annotated[Array, numbers(0, MAX_NOISE, 3)]
     read_std: Annotated[Array, numbers(0, MAX_NOISE, 3)]
     relative_std: Annotated[Array, numbers(0, MAX_NOISE, 3)]
-    # How a fit found them; for people.
-    sensor: Any = None
-    rounding: Any = None
-    scale: Any = None
-    coherence: Any = None
-    changed: Any = None
 
 
 NOISE = Annotated[
@@ -282,19 +271,10 @@ NOISE = Annotated[
 ]
 
 
-@document
+@document(*_OF_RESPONSE)
 class _TransferFields:
     name: str
     light: Annotated[Array, numbers(-MAX_LIGHT, MAX_LIGHT, None)]
-    # How a fit found it; for people.
-    exposure_times: Any = None
-    noise: Any = None
-    agreement: Any = None
-    seen: Any = None
-    channel_difference: Any = None
-    channels_agree: Any = None
-    residuals: Any = None
-    std: Any = None
 
 
 _TRANSFER = Annotated[
