@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Array, as_array, check_map
+from blurmatte.checks import AnyArray, Array, as_array, check_map
 
 _STEP_PX = 0.5  # of a numerical derivative
 
@@ -264,13 +264,12 @@ class PointSpread:
     @property
     def rows(self) -> list[Mapping[str, float]]:
         """A row (x, y, weight, std) for each pixel with a weight, as for a table."""
-        y, x = np.nonzero(self.weight)
-        return [
-            {
-                "x": int(i) + self.corner[0],
-                "y": int(j) + self.corner[1],
-                "weight": float(self.weight[j, i]),
-                "std": float(self.std[j, i]),
-            }
-            for j, i in zip(y, x, strict=True)
-        ]
+        y, x = place = np.nonzero(self.weight)
+        left, top = self.corner
+        return rows_of(x=x + left, y=y + top, weight=self.weight[place], std=self.std[place])
+
+
+def rows_of(**columns: AnyArray) -> list[Mapping[str, float]]:
+    """The rows of a table of columns (n,), each by the names of these."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    return [dict(zip(columns, row, strict=True)) for row in rows]

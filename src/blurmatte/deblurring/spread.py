@@ -19,6 +19,7 @@ evidence as in `gaussian`. They are the nonnegative least squares solution; the 
 are those of the solution without that constraint.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +30,7 @@ from blurmatte.deblurring.operator import Poses, Sparse, seen_moments, sparse
 from blurmatte.deblurring.spin import Spin
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.trajectory import PointSpread
+from blurmatte.trajectory import PointSpread, rows_of
 
 _MAX_ITERATIONS = 500  # of projected gradients
 _DRAWS = 12  # alphas drawn for the error
@@ -189,11 +190,10 @@ class Dwell:
         return f"Dwell({len(self.time)} parts, sum {self.time.sum():.3f}, misfit {self.misfit:.2f})"
 
     @property
-    def rows(self) -> list[dict[str, float]]:
+    def rows(self) -> list[Mapping[str, float]]:
         """A row (x, y, position, time, std) for each part, as for a table."""
-        columns = np.column_stack([self.xy, self.position, self.time, self.std])
-        names = ("x", "y", "position", "time", "std")
-        return [dict(zip(names, map(float, row), strict=True)) for row in columns]
+        x, y = self.xy.T
+        return rows_of(x=x, y=y, position=self.position, time=self.time, std=self.std)
 
 
 def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -> Dwell:
