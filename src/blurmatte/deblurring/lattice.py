@@ -21,7 +21,6 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import scipy
@@ -54,13 +53,6 @@ Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 
 class Surface(Nodes):
     """Nodes of an object's own color, from whose light its motion is refined."""
-
-    def blurred(
-        self, values: Array, sweep: Sweep, pixels: Pixels, poses: Poses
-    ) -> tuple[Array, Array]:
-        """Alpha (h w,), and the operator times values of the first unknowns (n, c): (h w, c)."""
-        A, alpha = self.blur(sweep, pixels, poses)
-        return alpha, np.asarray(A[:, : len(values)] @ values)
 
     @abstractmethod
     def derivatives(
@@ -134,22 +126,10 @@ class Lattice(Surface):
         """A (pixels, nodes)."""
         from blurmatte.deblurring import operator_kernel  # loads scipy.special
 
-        return sparse(operator_kernel.rows_of(*self._seen(poses, seen)), self.size)
-
-    def blurred(
-        self,
-        values: Array,
-        sweep: Sweep,
-        pixels: Pixels,
-        poses: Poses,
-        near: SeenMoments | None = None,
-    ) -> tuple[Array, Array]:
-        """Alpha, and the operator times values, which is not built; `near` is of a near motion."""
-        from blurmatte.deblurring import operator_kernel  # loads scipy.special
-
-        seen = self._seen(poses, seen_moments(sweep, pixels, poses, near))
-        alpha, sums = operator_kernel.sums_of(*seen, np.ascontiguousarray(values))
-        return np.asarray(alpha), np.asarray(sums)
+        to_lattice = seen.to_disc * (self.radius / self.pitch)
+        grid = self.corner, self.node, seen.width
+        rows = operator_kernel.rows_of(poses.durations, seen.xy, to_lattice, *grid, seen.covered)
+        return sparse(rows, self.size)
 
     def derivatives(
         self, view: View, fit: GaussianFit, A: Sparse, weight: Array
@@ -160,8 +140,8 @@ class Lattice(Surface):
 
         def model(moved: View) -> Array:
             """Light (pixels, 3) of the picture."""
-            alpha, light = self.blurred(color, moved.sweep, view.pixels, moved.poses(count), near)
-            return light + view.through(alpha)
+            A, alpha = self.blur(moved.sweep, view.pixels, moved.poses(count), near)
+            return np.asarray(A @ color + view.through(alpha))
 
         at, start, steps = view.parameters, model(view), view.steps
         J = np.zeros((*start.shape, len(at)))
@@ -169,12 +149,6 @@ class Lattice(Surface):
             moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
             J[..., k] = (model(moved) - start) / steps[k]
         return J, np.zeros((1, len(at)))
-
-    def _seen(self, poses: Poses, seen: SeenMoments) -> tuple[Any, ...]:
-        """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
-        to_lattice = seen.to_disc * (self.radius / self.pitch)
-        grid = self.corner, self.node, seen.width
-        return poses.durations, seen.xy, to_lattice, *grid, seen.covered
 
 
 @dataclass(frozen=True, eq=False)

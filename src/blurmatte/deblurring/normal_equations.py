@@ -60,10 +60,19 @@ class Nodes(ABC):
     def operator(self, poses: Poses, seen: SeenMoments) -> Sparse:
         """A (pixels, unknowns): straight color → premultiplied light."""
 
-    def blur(self, sweep: Sweep, pixels: Pixels, poses: Poses | None = None) -> Blur:
-        """The operator of the pixels of a box, and alpha; by default of the whole exposure."""
+    def blur(
+        self,
+        sweep: Sweep,
+        pixels: Pixels,
+        poses: Poses | None = None,
+        near: SeenMoments | None = None,
+    ) -> Blur:
+        """The operator of the pixels of a box, and alpha; by default of the whole exposure.
+
+        near: when they see the object of a near motion at as many poses.
+        """
         poses = poses_of(sweep) if poses is None else poses
-        seen = seen_moments(sweep, pixels, poses)
+        seen = seen_moments(sweep, pixels, poses, near)
         return Blur(self.operator(poses, seen), seen.alpha(poses.durations))
 
 

@@ -164,28 +164,3 @@ def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: i
         columns, values = with_row(columns, values, begin[p], total, touched)
         total[low:high] = 0
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
-
-
-@njit()
-def sums_of(durations, xy, to_lattice, corner, node, width, covered, values):  # type: ignore[no-untyped-def]
-    """Alpha (pixels,), and the operator times values (n, c) of the nodes (pixels, c).
-
-    The other arguments are those of `rows_of`.
-    """
-    first, moment, part = covered
-    count, channels = len(first) - 1, values.shape[1]
-    alpha, sums = np.zeros(count), np.zeros((count, channels))
-    indices, weights = np.empty(4, np.int32), np.empty(4)
-    for p in range(count):
-        i, j = p % width, p // width
-        for q in range(first[p], first[p + 1]):
-            k = moment[q]
-            dx, dy, M = i - xy[k, 0], j - xy[k, 1], to_lattice[k]
-            x = M[0, 0] * dx + M[0, 1] * dy - corner[0]
-            y = M[1, 0] * dx + M[1, 1] * dy - corner[1]
-            seen = durations[k] * part[q]
-            alpha[p] += seen
-            for r in range(interpolation(node, x, y, indices, weights)):
-                for c in range(channels):
-                    sums[p, c] += seen * weights[r] * values[indices[r], c]
-    return alpha, sums

@@ -159,7 +159,8 @@ class Sharp(Displayed):
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
         """Alpha (h, w, 1) in the sweep's box, and values of unknowns (n, c) times alpha (h, w, c)."""
         pixels = Pixels.of_box(sweep.box)
-        alpha, sums = self.lattice.blurred(values, sweep, pixels, poses)
+        A, alpha = self.lattice.blur(sweep, pixels, poses)
+        sums = A[:, : len(values)] @ values
         return alpha.reshape(*pixels.shape, 1), sums.reshape(*pixels.shape, -1)
 
     def _placed(self, values: Array, sweep: Sweep) -> Array:
