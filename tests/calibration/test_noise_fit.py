@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.calibration import NoiseFit
-from blurmatte.calibration.noise_fit import fit_sensor, without_rounding
+from blurmatte.calibration.noise_measure import fit_sensor, without_rounding
 from blurmatte.radiometry import SRGB, NoiseModel
 
 X = np.linspace(0.01, 0.8, 24)

@@ -1,6 +1,6 @@
 """A camera's noise and response, measured from pictures."""
 
-from blurmatte.calibration.noise_fit import NoiseFit as NoiseFit
+from blurmatte.calibration.noise_measure import NoiseFit as NoiseFit
 from blurmatte.calibration.noise_measure import measure_noise as measure_noise
 from blurmatte.calibration.noise_measure import measure_noise_against as measure_noise_against
 from blurmatte.calibration.noise_measure import measure_noise_within as measure_noise_within
