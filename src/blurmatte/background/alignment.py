@@ -53,9 +53,8 @@ _MIN_SPACING_PX = 4  # of points: smoothing correlates the noise of nearer ones
 _LOCAL_MEAN_PX = 4.0
 _STRUCTURE_SMOOTHING_PX = 2.0  # where little structure competes with noise that is interpolated
 _EDGE_POSITION_STD_PX = 0.1  # the plate may be sharper than the image; splines ring
-_DEGREES_OF_FREEDOM = (
-    3.0  # of the t distribution; few, since an object may cover much of the picture
-)
+# Of the t distribution; few, since an object may cover much of the picture.
+_DEGREES_OF_FREEDOM = 3.0
 _CURVATURE_RATIO = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
 _MAX_RESIDUAL_STD = 4.0  # residuals beyond are outliers and have no weight at last
 _SCALE_ERROR = 1.79  # relative standard error of that scale times √n, for Gaussian residuals

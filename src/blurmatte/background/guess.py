@@ -52,12 +52,10 @@ _NUGGETS = np.geomspace(1e-4, 1e4, 13)  # variance of cells that is not smooth, 
 _REFINEMENTS = 2  # of what is hidden: a part of the region agrees with the guess
 _MAX_REMAINING = 0.9  # of what was hidden: else the guess would hardly change
 _DECISIVE_ODDS = 20.0  # that a cell shows the scene
-RIM_PX = (
-    4  # around a streak, or what disagrees with a guess, which is not made from its faintest rim
-)
-_MARGIN_FACTOR = (
-    1.5  # margin over the width in which a disc's alpha falls from the threshold to zero
-)
+# Around a streak, or what disagrees with a guess, which is not made from its faintest rim.
+RIM_PX = 4
+# Margin over the width in which a disc's alpha falls from the threshold to zero.
+_MARGIN_FACTOR = 1.5
 _MAX_GRAINS = 250_000  # of a window: cells of texture that is drawn
 _TILE_PX = 16  # width of tiles in which noise is measured
 _LEVELS = 4  # of light, and of how even tiles are

@@ -19,9 +19,8 @@ from blurmatte.statistics import seen_means
 _MAX_DIRECTIONS = 3  # of lines in one window
 _CELLS = 96  # of the longer side of a window, in which directions are sought first
 _BEST = 3  # directions that are refined
-_MIN_Z = (
-    2.5  # of the correlation of both sides: by chance in one window of two; then evidence decides
-)
+# Of the correlation of both sides: by chance in one window of two; then evidence decides.
+_MIN_Z = 2.5
 _MIN_SHARE = 0.25  # of the line of a side, relative to the median line, that is seen
 _SMOOTH_PX = 8  # differences of both sides over more pixels are left to the smooth field
 _CHANCE = 4.0  # standard deviations of a variance by chance

@@ -279,9 +279,8 @@ class _CodeError:
 
     meta: Meta  # of a frame
     coding: CodingError | None
-    noise: NoiseModel | None = (
-        None  # of a frame that was warped; what it differs by beyond is error
-    )
+    # Of a frame that was warped; what it differs by beyond is error.
+    noise: NoiseModel | None = None
 
     def rounding(self, light: Floats) -> Floats:
         """Variance by rounding in one frame, at each light; 0 if it held floats."""

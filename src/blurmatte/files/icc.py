@@ -20,9 +20,8 @@ import numpy as np
 from blurmatte.checks import Array, Floats
 from blurmatte.radiometry.transfer import LINEAR, SRGB, Odd, Transfer, gamma
 
-SAME_PRIMARIES = (
-    3e-3  # of a matrix to sRGB: sRGB profiles differ so much in their adaptation to D50
-)
+# Of a matrix to sRGB: sRGB profiles differ so much in their adaptation to D50.
+SAME_PRIMARIES = 3e-3
 
 # Columns: red, green and blue of sRGB in XYZ, adapted to D50 by the Bradford transform.
 _SRGB_TO_XYZ = np.array(
