@@ -141,6 +141,4 @@ def seen_moments(
 
 def row_sums(first: Ints64, weight: Array, values: Array) -> Array:
     """(pixels, k) weighted sums of values (m, k) over the entries of each pixel."""
-    own = np.repeat(np.arange(len(first) - 1), np.diff(first))
-    sums = [np.bincount(own, weight * value, len(first) - 1) for value in values.T]
-    return np.stack(sums, axis=1)
+    return np.asarray(sparse((first, np.arange(len(weight)), weight), len(weight)) @ values)

@@ -33,6 +33,7 @@ from blurmatte.deblurring.operator import (
     seen_moments,
     sparse,
 )
+from blurmatte.deblurring.priors import Differences
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
 from blurmatte.descent import descended, distinct
@@ -121,11 +122,9 @@ class Search:
 
     @cached_property
     def prior(self) -> Array:
-        """(n, n) upper triangle of Q."""
-        neighbors, n = self.sphere.stencils[0].nodes, self.sphere.size
-        Q = np.diag(np.bincount(neighbors.ravel(), minlength=n).astype(float))
-        Q[neighbors[:, 0], neighbors[:, 1]] = -1
-        return Q
+        """(n, n) Q."""
+        differences = Differences(self.sphere.size, self.sphere.stencils)
+        return np.asarray(differences.quadratic(differences.weights(np.ones(1))).toarray())
 
     @cached_property
     def C(self) -> Array:
