@@ -18,7 +18,7 @@ colored light, which does not turn.
 """
 
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -143,12 +143,7 @@ class Lattice(Surface):
             A, alpha = self.blur(moved.sweep, view.pixels, moved.poses(count), near)
             return np.asarray(A @ color + view.through(alpha))
 
-        at, start, steps = view.parameters, model(view), view.steps
-        J = np.zeros((*start.shape, len(at)))
-        for k in np.flatnonzero(steps > 0):
-            moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
-            J[..., k] = (model(moved) - start) / steps[k]
-        return J, np.zeros((1, len(at)))
+        return _by_parameters(model, view, view.steps), np.zeros((1, len(view.parameters)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,40 +214,21 @@ class Sphere(Surface):
     ) -> tuple[Array, Array]:
         """J, and (pixels, k) changes of the volume.
 
-        Light is linear in the shading, whose derivatives need no differences.
+        Light is linear in the shading: its steps may be large.
         """
         color, spread = fit.normal.mean, weight * (A @ fit.normal.inverse())
-        at, steps, count = view.parameters, view.steps, view.moment_count(COARSE_STEP_PX)
-        alpha, light, volume = self._projected(view, count, color, spread)
-        J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros((len(light), len(at)))
-        J[..., -HARMONICS:], volumes[:, -HARMONICS:] = light[..., 1:], 3 * volume[:, 1:]
-        for k in np.flatnonzero(steps[:-HARMONICS] > 0):
-            moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
-            other, changed, larger = self._projected(moved, count, color, spread)
-            away = changed[..., 0] - light[..., 0] + view.through(other) - view.through(alpha)
-            J[..., k] = away / steps[k]
-            volumes[:, k] = 3 * (larger[:, 0] - volume[:, 0]) / steps[k]
-        return J, volumes
+        count = view.moment_count(COARSE_STEP_PX)
+        steps = np.append(view.steps[:-HARMONICS], np.ones(HARMONICS))
 
-    def _projected(
-        self, view: View, count: int, color: Array, spread: Array
-    ) -> tuple[Array, Array, Array]:
-        """Alpha (h w,), the light A o of a color and a sum, and their changes by shading.
+        def model(moved: View) -> Array:
+            """Light (pixels, 3) of the picture, and (A spreadᵀ)ₚₚ."""
+            A, alpha = self.blur(moved.sweep, view.pixels, moved.poses(count))
+            return np.column_stack(
+                [A @ color + view.through(alpha), A.multiply(spread).sum(axis=1)]
+            )
 
-        Light (h w, 3, 1 + k) and (A spreadᵀ)ₚₚ (h w, 1 + k) of the spin's light on the ball, then of
-        each of its harmonics, without the cost of storing A; of a number of moments.
-        """
-        poses = view.poses(count)
-        seen = seen_moments(view.sweep, view.pixels, poses)
-        entries, by_spin, by_field = _lit(poses, seen)
-        factors = np.concatenate([by_spin[:, None], by_field], axis=1)
-        turns = poses.spin.turns(poses.t)
-        light, total = sphere_kernel.projected(entries, turns, self.node, factors, color, spread)
-        first, _, weight, _ = entries
-        field = row_sums(first, weight, by_field)
-        light[..., 0] += field @ color[self.size :]
-        total[:, 0] += (field * spread[:, self.size :]).sum(axis=1)
-        return seen.alpha(poses.durations), light, total
+        found = _by_parameters(model, view, steps)
+        return found[:, :3], 3 * found[:, 3]
 
     def with_curvature(self, information: Array, secants: Sequence[Secant]) -> Array:
         """The information with the curvature of the objective measured between iterates.
@@ -269,6 +245,16 @@ class Sphere(Surface):
                 change = part * change + (1 - part) * Ms
             M = M - np.outer(Ms, Ms) / expected + np.outer(change, change) / (step @ change)
         return np.asarray(M)
+
+
+def _by_parameters(model: Callable[[View], Array], view: View, steps: Array) -> Array:
+    """(pixels, m, k) derivatives of a model (pixels, m), by differences over steps; 0 for no step."""
+    at, start = view.parameters, model(view)
+    found = np.zeros((*start.shape, len(at)))
+    for k in np.flatnonzero(steps > 0):
+        moved = view.moved(at + steps[k] * (np.arange(len(at)) == k))
+        found[..., k] = (model(moved) - start) / steps[k]
+    return found
 
 
 def _first(edges: Indices) -> Stencil:

@@ -68,38 +68,6 @@ def seen(rotations, k, normal, q, point):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def projected(entries, rotations, node, factors, color, spread):  # type: ignore[no-untyped-def]
-    """Light (pixels, 3, k) of a color (n, 3) by `rows_of`, for factors (m, k) of the weights.
-
-    And sums (pixels, k) of the entries of these rows times those of `spread` (pixels, n).
-    """
-    first, moment, weight, normal = entries
-    light = np.zeros((len(first) - 1, 3, factors.shape[1]))
-    total = np.zeros((len(first) - 1, factors.shape[1]))
-    cells, count = node.shape[1] - 1, normal.shape[1]
-    for p in range(len(first) - 1):
-        for q in range(first[p], first[p + 1]):
-            red, green, blue, spreads = 0.0, 0.0, 0.0, 0.0
-            for point in range(count):
-                x, y, z = seen(rotations, moment[q], normal, q, point)
-                face, i, j, u, v = cell_of(cells, x, y, z)
-                for r in range(4):
-                    n = node[face, i + r // 2, j + r % 2]
-                    part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
-                    part *= weight[q] / count
-                    red += part * color[n, 0]
-                    green += part * color[n, 1]
-                    blue += part * color[n, 2]
-                    spreads += part * spread[p, n]
-            for k in range(factors.shape[1]):
-                light[p, 0, k] += factors[q, k] * red
-                light[p, 1, k] += factors[q, k] * green
-                light[p, 2, k] += factors[q, k] * blue
-                total[p, k] += factors[q, k] * spreads
-    return light, total
-
-
-@njit()
 def turned(entries, rotations, jacobians, node, color):  # type: ignore[no-untyped-def]
     """Derivatives (pixels, 3, 3) by the rotation vector of the light of a color (n, 3), see `rows_of`.
 
