@@ -35,9 +35,9 @@ from blurmatte.deblurring.spin import HARMONICS, Spin
 from blurmatte.deblurring.spin_search import (
     CONTRASTS,
     NODES_PER_RADIUS,
-    SAME_MODE,
     SPACING,
     Search,
+    are_near,
     rotation_grid,
 )
 from blurmatte.deblurring.view import View, check_pictures_of
@@ -213,13 +213,10 @@ def _candidates(view: View) -> list[ExplainedViews]:
 
 def _likely(states: Sequence[ExplainedViews]) -> list[ExplainedViews]:
     """Those with different rotations that are not far less likely than the first."""
-
-    def are_near(one: ExplainedViews, other: ExplainedViews) -> bool:
-        """Whether two rotations are of one mode."""
-        away = _rotation(one.views[0]) - _rotation(other.views[0])
-        return bool(np.linalg.norm(away) <= SAME_MODE)
-
-    return distinct((one for one in states if _may_be_best(states[0], one)), are_near)
+    return distinct(
+        (one for one in states if _may_be_best(states[0], one)),
+        lambda one, other: are_near(_rotation(one.views[0]), _rotation(other.views[0])),
+    )
 
 
 def _unlikely(states: Sequence[ExplainedViews]) -> list[ExplainedViews]:
@@ -265,7 +262,7 @@ def _new_rotations(
             f"(log Bayes factor of the texture {gain:.1f}, needed {DECISIVE_LOG_BAYES_FACTOR:g})"
         )
     known = [_rotation(state.views[0]) for state in states]
-    return [w for w in found if all(np.linalg.norm(w - other) > SAME_MODE for other in known)]
+    return [w for w in found if not any(are_near(w, other) for other in known)]
 
 
 def _ranked(states: list[ExplainedViews]) -> list[ExplainedViews]:
@@ -284,7 +281,7 @@ def _check_highlights(states: Sequence[ExplainedViews]) -> None:
     for rotation, evidence in zip(rotations, evidences, strict=True):
         margin = (evidences[0] - evidence) / VARIANCE_INFLATION
         apart = float(np.linalg.norm(rotation - rotations[0]))
-        if apart > SAME_MODE and margin < DECISIVE_LOG_BAYES_FACTOR:
+        if not are_near(rotation, rotations[0]) and margin < DECISIVE_LOG_BAYES_FACTOR:
             raise SpinError(
                 "a part of the pattern may be a highlight: then another spin, "
                 f"{np.degrees(apart):.0f}° away, explains the picture (log Bayes factor {margin:.1f})"
@@ -311,7 +308,7 @@ def _margin(states: Sequence[ExplainedViews], inflation: float) -> float:
     rivals = [
         (best.fit.log_evidence - other.fit.log_evidence, _rotation(other.views[0]))
         for other in others
-        if np.linalg.norm(_rotation(other.views[0]) - rotation) > SAME_MODE
+        if not are_near(_rotation(other.views[0]), rotation)
     ]
     if not rivals:
         return float("inf")

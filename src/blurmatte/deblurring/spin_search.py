@@ -46,7 +46,7 @@ _MAX_STEP = np.radians(12)  # of a climb
 _MIN_GAIN = 3.0  # of log Z, by a step
 _MAX_STEPS = 10  # of a climb
 _NEAR = np.radians(15)  # starts that are nearer are one
-SAME_MODE = np.radians(8)  # maxima that are nearer are one
+_SAME_MODE = np.radians(8)  # maxima that are nearer are one
 _MAX_MODES = 2  # of each contrast
 _GLOSS_CELLS = 5  # of the lattice of highlights, 18° each
 _GLOSS_STD = 0.1  # of highlights at a node, linear light
@@ -248,7 +248,7 @@ class Search:
     def _maxima(self, starts: Iterable[Array], contrast: float) -> list[Array]:
         """Rotations of distinct maxima of the evidence near some, the likeliest first."""
         found = sorted((self.climbed(w, contrast) for w in starts), key=lambda one: one.cost)
-        return _distinct([one.rotation for one in found], SAME_MODE)
+        return distinct([one.rotation for one in found], are_near)
 
     def modes(self, ranked: Sequence[Array], around: Array, starts: int) -> list[Array]:
         """Rotations of distinct maxima of the evidence: the likeliest of each contrast of the texture.
@@ -258,13 +258,12 @@ class Search:
         starts than the `starts` likeliest of the grid are `around` a rotation, whose maximum may be
         narrower than the grid.
         """
-        of_grid = _distinct(ranked, SPACING)[:starts]
         near = (around + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1))
-        middle = self._maxima([*of_grid, around, *near], CONTRASTS[1])
+        middle = self._maxima([*ranked[:starts], around, *near], CONTRASTS[1])
         likeliest = middle[:_MAX_MODES]
         for contrast in (CONTRASTS[0], CONTRASTS[2]):
             likeliest += self._maxima(middle, contrast)[:_MAX_MODES]
-        return _distinct(likeliest, SAME_MODE)
+        return distinct(likeliest, are_near)
 
 
 def _without(at: Solved, of_nodes: Array, of_field: Array) -> tuple[Array, Array]:
@@ -292,14 +291,9 @@ def rotation_grid(spacing: float) -> Array:
     return np.asarray(points[np.linalg.norm(points, axis=1) <= _MAX_ROTATION])
 
 
-def _distinct(rotations: Sequence[Array], angle: float) -> list[Array]:
-    """Those that are further than an angle from all before them."""
-
-    def are_near(one: Array, other: Array) -> bool:
-        """Whether two rotations differ by no more than the angle."""
-        return bool(np.linalg.norm(one - other) <= angle)
-
-    return distinct(rotations, are_near)
+def are_near(one: Array, other: Array) -> bool:
+    """Whether two rotations are of one maximum."""
+    return bool(np.linalg.norm(one - other) <= _SAME_MODE)
 
 
 def _entries(seen: SeenMoments, use: Bools, count: int, spin: Spin | None) -> Entries:
