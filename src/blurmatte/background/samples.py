@@ -167,9 +167,8 @@ def median_ratio(light: Floats, static: Floats) -> Floats:
     """(3,) median of light over static, both (3, n), where static is not dark."""
     gain = np.ones(3)
     for c, (x, B) in enumerate(zip(light, static, strict=True)):
-        maximum = np.minimum(
-            x, B
-        ).max()  # of the scene: of a moving lamp only one of them has light
+        # Of the scene: of a moving lamp only one of them has light.
+        maximum = np.minimum(x, B).max()
         bright = (_MIN_BRIGHTNESS * maximum < B) & (x >= kernel.MIN_SEEN)
         if bright.any():
             gain[c] = max(float(np.median(x[bright] / B[bright])), _MIN_GAIN)

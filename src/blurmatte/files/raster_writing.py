@@ -156,9 +156,8 @@ def repeat_blocks(path: Path, sources: Indices, height: int) -> None:
     chunks = []
     for offset in offsets:
         (size,) = struct.unpack_from("<i", content, offset + 4)
-        chunks.append(
-            content[offset + 4 : offset + 8 + size]
-        )  # without the number of its first row
+        # Without the number of its first row.
+        chunks.append(content[offset + 4 : offset + 8 + size])
     sizes = np.array([4 + len(chunks[source]) for source in sources])
     places = len(header) + 8 * len(sources) + np.cumsum(sizes) - sizes
     with path.open("wb") as file:
