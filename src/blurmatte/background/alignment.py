@@ -35,7 +35,7 @@ from blurmatte.checks import Array, Bools, Floats, Ints64
 from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.radiometry.image import VARIANCE_FLOOR
-from blurmatte.statistics import cell_means, student_loss, student_weight
+from blurmatte.statistics import MAX_RESIDUAL_STD, cell_means, student_loss, student_weight
 
 GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
 # Free rows of light: none, gain, and offset, and a quadratic field of gain
@@ -56,7 +56,6 @@ _EDGE_POSITION_STD_PX = 0.1  # the plate may be sharper than the image; splines 
 # Of the t distribution; few, since an object may cover much of the picture.
 _DEGREES_OF_FREEDOM = 3.0
 _CURVATURE_RATIO = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
-_MAX_RESIDUAL_STD = 4.0  # residuals beyond are outliers and have no weight at last
 _SCALE_ERROR = 1.79  # relative standard error of that scale times √n, for Gaussian residuals
 _MIN_SCALE = 0.1  # of the residuals, over the predicted noise
 _PARAMETER_STD = 0.1  # of the prior of h and light; regularizes what data do not determine
@@ -138,7 +137,7 @@ class Alignment:
         for c in range(3):
             slopes[:, c, k + c * m : k + (c + 1) * m] = own[:, c, k:]
         weight, scale = _weights(residuals)
-        weight *= np.abs(np.nan_to_num(residuals)) < _MAX_RESIDUAL_STD * scale
+        weight *= np.abs(np.nan_to_num(residuals)) < MAX_RESIDUAL_STD * scale
         scores = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
         width, height = level.size
         column, row = (level.xy * _COVARIANCE_TILES // (width, height)).T
@@ -257,7 +256,7 @@ def fit_level(level: ComparedPair, start: Alignment, model: tuple[int, int]) -> 
         if left == 0 or not len(step) or step @ normal @ step < _TOLERANCE * len(now):
             if not inliers.all() or left <= 3:  # too few steps are left to continue
                 break
-            inliers = np.abs(residuals) < _MAX_RESIDUAL_STD * quartile_scale(residuals)
+            inliers = np.abs(residuals) < MAX_RESIDUAL_STD * quartile_scale(residuals)
         h[free] += step[: len(free)]
         by_light = step[len(free) :].reshape(3, len(rows))
         light[rows] += by_light.T

@@ -24,7 +24,7 @@ from blurmatte.radiometry import (
     rounding_noise,
 )
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, RgbCodes
-from blurmatte.statistics import MAD_TO_STD
+from blurmatte.statistics import MAD_TO_STD, MAX_RESIDUAL_STD
 
 # Number of samples, estimation of noise and gain, and rejection of clips.
 _MIN_SAMPLES = 20
@@ -37,7 +37,6 @@ _NOISE_PAIRS = 3  # of frames, of which the median noise is taken
 _GAIN_PIXELS = 1e4  # of a frame
 _MIN_GAIN = 1e-3  # of a black frame
 _MIN_BRIGHTNESS = 0.05  # of the maximum, for ratios of light
-_MAX_RESIDUAL_STD = 4.0  # of pixels that determine the gain
 _MAX_GAIN_RATIO = 2.0  # between frames; larger ones come with other lamps and clipped pixels
 _MAX_CHANGED_AREA = 0.5  # fraction of the picture between two samples; more is a cut
 _MIN_CUT_CONTRAST = 0.1  # relative change of light, beyond noise, that counts as changed
@@ -155,7 +154,7 @@ def fit_gain(light: Floats, static: Floats, variance: Floats) -> Floats:
     gain = median_ratio(light[:, ::8], static[:, ::8])
     for c, (x, B, s2) in enumerate(zip(light, static, variance, strict=True)):
         for _ in range(2):
-            inliers = (x - gain[c] * B) ** 2 < _MAX_RESIDUAL_STD**2 * s2
+            inliers = (x - gain[c] * B) ** 2 < MAX_RESIDUAL_STD**2 * s2
             inliers &= x >= kernel.MIN_SEEN
             weight = inliers * B / s2
             if (total := float(np.sum(weight * B))) > 0:
@@ -284,7 +283,7 @@ def _check_no_cut(small: Floats, names: Sequence[str]) -> None:
     after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
     change = np.abs(after - small[:-1])
     noise = MAD_TO_STD * np.median(change, axis=(0, 2), keepdims=True)
-    threshold = _MAX_RESIDUAL_STD * noise
+    threshold = MAX_RESIDUAL_STD * noise
     threshold = threshold + _MIN_CUT_CONTRAST * np.maximum(after, small[:-1])
     areas = (change > threshold).any(axis=1).mean(axis=1)
     at = int(np.argmax(areas))

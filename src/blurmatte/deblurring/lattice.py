@@ -44,7 +44,7 @@ from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
 _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that is inclined
-MAX_NODES = 1500  # of a Cholesky factor that is not banded
+_MAX_NODES = 1500  # of a Cholesky factor that is not banded
 COARSE_STEP_PX = 1.0  # on a sphere: motion between two moments, for derivatives and searches
 _LEAST_CURVATURE = 0.1  # along a secant, of that of the information
 
@@ -178,9 +178,9 @@ class Sphere(Surface):
         return cls(index.reshape(cube.shape[:3]).astype(np.int32), points)
 
     @classmethod
-    def within(cls, radius: float, most: int) -> "Sphere":
-        """The sphere of finest pitch with at most so many nodes, but of 1.5 pixels or more."""
-        cells = int(np.sqrt((most - 2) / 6))
+    def finest(cls, radius: float) -> "Sphere":
+        """The sphere of finest pitch with at most 1500 nodes, but of 1.5 pixels or more."""
+        cells = int(np.sqrt((_MAX_NODES - 2) / 6))
         return cls.of(radius, max(_FINEST_PITCH_PX, np.pi / 2 * radius / cells))
 
     @property

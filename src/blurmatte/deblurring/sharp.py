@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.deblurring.compressed import compressed_color
-from blurmatte.deblurring.lattice import MAX_NODES, Lattice, Sphere, Surface
+from blurmatte.deblurring.lattice import Lattice, Sphere, Surface
 from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, poses_of
 from blurmatte.deblurring.priors import Differences, fit_smooth, fit_sparse
@@ -299,7 +299,7 @@ def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
         flat = affordable(views)
         state = refined_flat(views, flat) if refine else explained(views, flat)
     else:
-        sphere = Sphere.within(views[0].sweep.radius, MAX_NODES)
+        sphere = Sphere.finest(views[0].sweep.radius)
         state = (refined if refine else explained)(views, sphere)
     lattice, differences = state.lattice, Differences.of(state.lattice)
     equations = state.equations.widened(differences.width)

@@ -27,7 +27,7 @@ from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array
-from blurmatte.deblurring.lattice import MAX_NODES, Sphere, Surface
+from blurmatte.deblurring.lattice import Sphere, Surface
 from blurmatte.deblurring.normal_equations import FIELD_STD
 from blurmatte.deblurring.priors import Differences, log_determinant
 from blurmatte.deblurring.refine import ExplainedViews, explained, refined, scores
@@ -51,11 +51,10 @@ VARIANCE_INFLATION = 3.0  # of the posterior of candidates, before it is measure
 STRIPS_PER_RADIUS = 5  # parallel to the path; the scatter of their scores gives the covariance
 MIN_RADIUS_PX = 6.0  # from which on a texture is visible
 MAX_MISFIT = 3.0  # reduced χ² of the residuals
-SIGNIFICANT = 4.0  # standard deviations of a rotation that is not zero
+SIGNIFICANT = 4.0  # standard deviations: of a rotation that is not zero, of a path that is another
 MIN_COLOR_ANGLE = np.radians(5)  # from white, of a paint that is not gray
 PATH_PRIOR_PX = 0.5  # a texture that turns biases the path of a sweep by more than its stated error
 RADIUS_PRIOR_PX = 0.1  # the same of its radius
-MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
 PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
 _NO_TEXTURE = 1e-3  # contrast of a ball of one paint, linear light
 _COARSE_PIXELS_PER_RADIUS = 7  # of the view in which rotations are sought
@@ -175,7 +174,7 @@ def _check_path(prior: Sweep, found: Sweep) -> None:
     """Raise SpinError if the refined path disagrees with the sweep."""
     away, n = found.path - prior.path, len(prior.path)
     deviation = np.sqrt(away @ np.linalg.solve(prior.covariance[:n, :n], away) / n)
-    if deviation > MAX_PATH_DEVIATION:
+    if deviation > SIGNIFICANT:
         raise SpinError(
             f"the path of the sweep is uncertain: the texture moves it by {deviation:.0f} standard "
             "deviations; solve the pictures again, with a color or a region"
@@ -233,7 +232,7 @@ def _refined_on_fine(
     fine: View, candidates: Sequence[ExplainedViews], covariance: Array
 ) -> list[ExplainedViews]:
     """Candidates on the fine lattice, under the same weights; the likeliest first."""
-    sphere, states = Sphere.within(fine.sweep.radius, MAX_NODES), list[ExplainedViews]()
+    sphere, states = Sphere.finest(fine.sweep.radius), list[ExplainedViews]()
     for candidate in candidates[:_MAX_FINE]:
         (one,) = candidate.views
         start = _start(replace(fine, sweep=one.sweep, spin=one.spin), covariance)
@@ -395,7 +394,7 @@ def log_bayes_factor(
     """Of the spin over a flat object; the noise of the pictures is known."""
     still = View.of(image, plate, flat, margin=int(np.ceil(flat.radius)))
     turning = replace(still, sweep=spin.sweep or flat, spin=spin)
-    sphere = Sphere.within(turning.sweep.radius, MAX_NODES)
+    sphere = Sphere.finest(turning.sweep.radius)
     weights = [turning.weight(turning.blur(sphere).alpha, around=True)]
     total = -np.linalg.slogdet(PRIOR)[1] / 2 - 3 * (sphere.unknowns - sphere.size) * np.log(
         FIELD_STD
