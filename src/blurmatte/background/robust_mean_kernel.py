@@ -19,15 +19,6 @@ UNSEEN = -8192.0  # light of pixels that a frame does not show; exact in half pr
 MIN_SEEN = np.float32(-1024)  # that of any other, over its gain
 
 
-@njit(fastmath=FAST_MATH)
-def look_up(codes, tables, out):  # type: ignore[no-untyped-def]
-    """Write the light (h, w, 3) of codes from tables (3, n), one of each channel."""
-    for y in range(codes.shape[0]):
-        for x in range(codes.shape[1]):
-            for c in range(3):
-                out[y, x, c] = tables[c, codes[y, x, c]]
-
-
 @njit(inline="always", fastmath=FAST_MATH)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
     x = max(light, ZERO)

@@ -73,8 +73,8 @@ class SampledLight:
             np.divide(self.rows(k, rows).rgb, gain, out=out)
             return
         one = self.codes[k]
-        codes = np.ascontiguousarray(one.codes[rows])
-        kernel.look_up(codes, one.table / gain[:, None], out)
+        for c, table in enumerate(one.table / gain[:, None]):
+            out[..., c] = table.take(one.codes[rows][..., c])
 
 
 @dataclass(frozen=True, eq=False)
