@@ -132,7 +132,10 @@ def seen_moments(
     rim = near.rim if near and same else sweep.silhouette.rim(sweep.shape, pixels.scale)
     motion = xy, poses.maps, rim, soft, pixels.shape
     if near is None:
-        covered = operator_kernel.covered_moments(*motion)
+        pixel, moment, part = operator_kernel.covered_moments(*motion)
+        shape = int(np.prod(pixels.shape)), len(xy)
+        by_pixel = scipy.sparse.csr_matrix((part, (pixel, moment)), shape=shape)
+        covered = by_pixel.indptr.astype(np.int64), by_pixel.indices, by_pixel.data
     else:
         covered = operator_kernel.covered_again(*motion, *near.covered)
     to_disc = np.linalg.inv(poses.maps) * (pixels.scale / sweep.radius)

@@ -54,7 +54,7 @@ def coverage(rim, inverse, soft, far, dx, dy):  # type: ignore[no-untyped-def]
 
 @njit()
 def covered_moments(xy, maps, rim, soft, shape):  # type: ignore[no-untyped-def]
-    """Moments at which pixels are covered: first (pixels + 1,), moment and coverage, in pixel order."""
+    """Pixels, the moments at which they are covered, and by how much, moment by moment."""
     height, width = shape
     left, right = np.empty(height), np.empty(height)
     count, capacity = 0, 1024
@@ -79,7 +79,7 @@ def covered_moments(xy, maps, rim, soft, shape):  # type: ignore[no-untyped-def]
                 if covered > 0:
                     pixel[count], moment[count], part[count] = j * width + i, k, covered
                     count += 1
-    return by_pixel(pixel[:count], moment[:count], part[:count], height * width)
+    return pixel[:count], moment[:count], part[:count]
 
 
 @njit()
@@ -96,21 +96,6 @@ def covered_again(xy, maps, rim, soft, shape, first, moment, part):  # type: ign
                 far = reach_of(soft) * largest_stretch(inverse[k])
                 again[q] = coverage(rim, inverse[k], soft, far, i - xy[k, 0], j - xy[k, 1])
     return first, moment, again
-
-
-@njit()
-def by_pixel(pixel, moment, part, pixels):  # type: ignore[no-untyped-def]
-    """Counting sort by pixel: first (pixels + 1,), and the others in this order."""
-    first = np.zeros(pixels + 1, np.int64)
-    for p in pixel:
-        first[p + 1] += 1
-    first[1:] = np.cumsum(first[1:])
-    at, moments, parts = first[:-1].copy(), np.empty_like(moment), np.empty_like(part)
-    for q in range(len(pixel)):
-        p = pixel[q]
-        moments[at[p]], parts[at[p]] = moment[q], part[q]
-        at[p] += 1
-    return first, moments, parts
 
 
 @njit()
