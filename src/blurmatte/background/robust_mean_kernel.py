@@ -155,28 +155,6 @@ def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def mark_rims(off, near):  # type: ignore[no-untyped-def]
-    """Mark pixels at most `RIM_PX` from one whose 3 x 3 neighborhood mostly disagrees with the mode.
-
-    The rim of a blurred object is fainter than the noise. off and near are (H, W) uint8.
-    """
-    height, width = off.shape
-    near[:] = 0
-    for y in range(1, height - 1):
-        for x in range(1, width - 1):
-            if not off[y, x]:
-                continue
-            around = 0
-            for j in range(y - 1, y + 2):
-                for i in range(x - 1, x + 2):
-                    around += off[j, i]
-            if around >= 5:  # the majority of 9, which noise alone does not reach
-                for j in range(max(y - RIM_PX, 0), min(y + RIM_PX + 1, height)):
-                    for i in range(max(x - RIM_PX, 0), min(x + RIM_PX + 1, width)):
-                        near[j, i] = 1
-
-
-@njit(fastmath=FAST_MATH)
 def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # type: ignore[no-untyped-def]
     """Add a frame at its free pixels: those of the mode, outside rims.
 
