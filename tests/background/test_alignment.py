@@ -5,13 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
 
-from blurmatte.background.alignment import compare
-from blurmatte.background.warp import (
-    Warp,
-    homography,
-    spline_coefficients,
-    to_centered,
-)
+from blurmatte.background.alignment import ComparedPair, residuals_and_slopes
+from blurmatte.background.warp import Warp, spline_coefficients, to_centered
 
 SIZE = WIDTH, HEIGHT = 60, 40
 POINTS = np.array([(x, y) for y in range(8, 32, 3) for x in range(8, 52, 3)])
@@ -32,13 +27,10 @@ def compared(plate, h, light, valid=None):
     basis = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
     slope_y, slope_x = (np.gradient(plate, axis=axis) for axis in (0, 1))
     valid = np.ones(plate.shape[:2], bool) if valid is None else valid
-    C, sigma = np.zeros((len(POINTS), 3)), np.full((len(POINTS), 3), 0.1)
-    residuals = np.empty((len(POINTS), 3))
-    slopes = np.empty((len(POINTS), 3, len(FREE) + len(ROWS)))
-    picture = spline_coefficients(plate), slope_x, slope_y, valid
-    points, match = (C, sigma, basis, POINTS), (homography(h), to_centered(SIZE), light)
-    compare(picture, points, match, FREE, ROWS, residuals, slopes)
-    return residuals, slopes, basis
+    black, sigma = np.zeros(plate.shape), np.full((len(POINTS), 3), 0.1)
+    pictures = black, slope_x, slope_y, spline_coefficients(plate), np.zeros((*plate.shape, 2))
+    level = ComparedPair(*pictures, valid, POINTS, sigma, basis)
+    return *residuals_and_slopes(level, h, light, [*FREE], [*ROWS]), basis
 
 
 def light(seed=0):

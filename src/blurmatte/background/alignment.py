@@ -24,12 +24,11 @@ import scipy
 
 from blurmatte.background.warp import (
     IDENTITY_LIGHT,
+    Warp,
     centered,
     cubic,
     derivatives_by_h,
-    homography,
     spline_coefficients,
-    to_centered,
 )
 from blurmatte.checks import Array, Bools, Floats, Ints64
 from blurmatte.compiling import njit
@@ -308,13 +307,13 @@ def residuals_and_slopes(
 
     Of light these are the derivatives by the rows of their own channel.
     """
-    x, y = level.xy.T
+    (x, y), xy = level.xy.T, level.xy.astype(float)
     residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + len(rows)))
     plate = level.spline, level.slope_x, level.slope_y, level.valid
-    points = level.C[y, x], level.sigma, level.basis, level.xy
-    match = homography(h), to_centered(level.size), light
-    indices = np.array(free, np.int64), np.array(rows, np.int64)
-    compare(plate, points, match, *indices, residuals, slopes)
+    points = level.C[y, x], level.sigma, level.basis
+    at = Warp(h, level.size).points(xy)
+    moves = derivatives_by_h(h, xy, level.size).take(np.array(free, int), axis=-1)
+    compare(plate, points, at, moves, light, np.array(rows, np.int64), residuals, slopes)
     return residuals, slopes
 
 
@@ -367,40 +366,26 @@ def _bilinear(values, j, i, v, u, c):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignore[no-untyped-def]
+def compare(plate, points, at, moves, light, rows, residuals, slopes):  # type: ignore[no-untyped-def]
     """Write residuals (n, 3) in standard deviations, NaN outside the plate, and derivatives `slopes`.
 
-    slopes is (n, 3, k + m), free (k,) the indices of the free parameters of the homography, rows (m,)
-    those of the free rows of the light.
+    slopes is (n, 3, k + m), rows (m,) the indices of the free rows of the light (b + 1, 3).
     plate is (spline, slope_x, slope_y, valid): its spline coefficients and its gradient, (h, w, 3),
-    and (h, w) its pixels at least three from its border. points is (C, sigma, basis, xy): the
-    image's light and the standard deviation of the difference, (n, 3), the functions of the gain
-    (n, b), and the pixels (n, 2). match is (H, to, light): the homography (3, 3) in the centered
-    coordinates into which `to` (3, 3) maps pixels, and (b + 1, 3).
+    and (h, w) its pixels at least three from its border. points is (C, sigma, basis): the image's
+    light and the standard deviation of the difference, (n, 3), and the functions of the gain (n, b).
+    They lie at (n, 2) in the plate, which moves (n, 2, k) by the free parameters of the homography.
     """
     spline, slope_x, slope_y, valid = plate
-    C, sigma, basis, xy = points
-    H, to, light = match
+    C, sigma, basis = points
     height, width = valid.shape
-    p, q = np.empty(4), np.empty(4)
-    moves, k = np.zeros((2, 8)), len(free)
-    size, x_off, y_off = to[0, 0], to[0, 2], to[1, 2]
-    for n in range(len(xy)):
-        a, b = xy[n, 0] * size + x_off, xy[n, 1] * size + y_off
-        depth = H[2, 0] * a + H[2, 1] * b + H[2, 2]
-        U = (H[0, 0] * a + H[0, 1] * b + H[0, 2]) / depth
-        V = (H[1, 0] * a + H[1, 1] * b + H[1, 2]) / depth
-        x, y = (U - x_off) / size, (V - y_off) / size
+    p, q, k = np.empty(4), np.empty(4), moves.shape[2]
+    for n in range(len(at)):
+        x, y = at[n, 0], at[n, 1]
         nearest_x, nearest_y = np.rint(x), np.rint(y)
         inside = 0 <= nearest_x < width and 0 <= nearest_y < height
         if not inside or not valid[int(nearest_y), int(nearest_x)]:
             residuals[n], slopes[n] = np.nan, 0
             continue
-        for i in range(3):
-            one = (a if i == 0 else b if i == 1 else 1.0) / depth / size
-            moves[0, i], moves[1, 3 + i] = one, one
-            if i < 2:
-                moves[0, 6 + i], moves[1, 6 + i] = -U * one, -V * one
         i, j = int(np.floor(x)), int(np.floor(y))
         u, v = x - i, y - j
         cubic(u, p)
@@ -419,7 +404,7 @@ def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignor
             s = sigma[n, c]
             residuals[n, c] = (B * gain + light[1, c] - C[n, c]) / s
             for r in range(k):
-                slopes[n, c, r] = gain / s * (X * moves[0, free[r]] + Y * moves[1, free[r]])
+                slopes[n, c, r] = gain / s * (X * moves[n, 0, r] + Y * moves[n, 1, r])
             for r in range(len(rows)):
                 row = rows[r]
                 by_light = 1 / s if row == 1 else basis[n, max(row - 1, 0)] * B / s
