@@ -204,10 +204,8 @@ def deblur(
 
     Raises
     ------
-    TypeError, ValueError
-        If an argument is something else, numbers or sizes differ, or a spin is not of one ball.
-    MotionError
-        If the object only adds light.
+    TypeError, ValueError, MotionError
+        If kinds, numbers or sizes differ, a spin is not of one ball, or an object only adds light.
 
     Warns
     -----

@@ -163,7 +163,7 @@ def _is_beyond(state: State, point: Array, distance: float) -> bool:
 
 
 def _until_outside(state: State, time: int, radius: float) -> Array | None:
-    """Parameters of the path that goes on at one end, 0 or 1, until the object is outside.
+    """Parameters of the path continued at one end, 0 or 1, until the object is outside.
 
     None if it is not after twice its diameter.
     """
