@@ -7,12 +7,7 @@ import pytest
 from tests.scenes import photographed, rendered
 
 from blurmatte.calibration import with_noise
-from blurmatte.color.shadows import (
-    cast_shadow_mask,
-    darkness,
-    has_darker_part,
-    shadow_around,
-)
+from blurmatte.color.shadows import cast_shadow_mask, darkness, shadow_around
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
 from blurmatte.rendering.plates import plain_plate, textured_plate
@@ -138,15 +133,3 @@ def test_alpha_of_a_ball_excludes_its_shadow(plate):
     assert np.sqrt(np.mean((sweep.alpha - true)[true > 0] ** 2)) < 0.012
     assert abs(sweep.alpha.sum() / true.sum() - 1) < 0.03
     assert abs(sweep.radius - 13) < 0.3
-
-
-@pytest.mark.parametrize("plate", PLATES)
-def test_a_streak_with_a_shadow_has_a_darker_part(plate):
-    _, image, without = taken(plate)
-    assert has_darker_part(image, without, find_streaks(image, without)[0])
-
-
-@pytest.mark.parametrize("plate", ["colorful", "textured"])
-def test_an_object_of_another_hue_is_no_darker_part(plate):
-    _, image, without = taken(plate, strength=0)
-    assert not has_darker_part(image, without, find_streaks(image, without)[0])

@@ -226,29 +226,18 @@ def cast_shadow_mask(
     return np.zeros_like(found) if whole else found
 
 
-def has_darker_part(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
-    """Whether more than hardly any of a streak is the plate, but darker: there may be a shadow."""
-    inside = streak.mask[streak.rows_columns]
-    dark = _darker_within(image, plate, streak)
-    return bool(np.count_nonzero(dark) > _MIN_FRACTION * np.count_nonzero(inside))
-
-
 def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
     """Mask of the part of a streak that is the plate, but darker; no color is needed.
 
     Empty if it is hardly any or most of the streak.
     """
-    dark = _darker_within(image, plate, streak)
+    y, x = streak.rows_columns
+    inside = streak.mask[y, x]
+    dark = opened(darker_pixels(image.crop(streak.box), plate.crop(streak.box)) & inside)
     found = np.zeros(streak.mask.shape, bool)
-    if _is_part(dark, streak.mask[streak.rows_columns]):
-        found[streak.rows_columns] = dilated(dark, _RIM_PX)
+    if _is_part(dark, inside):
+        found[y, x] = dilated(dark, _RIM_PX)
     return found
-
-
-def _darker_within(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
-    """(h, w) darker pixels of the streak in its box, without single ones."""
-    darker = darker_pixels(image.crop(streak.box), plate.crop(streak.box))
-    return opened(darker & streak.mask[streak.rows_columns])
 
 
 def _is_part(dark: Bools, inside: Bools) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import ClassVar
 
-from blurmatte.color.shadows import darkness, has_darker_part
+from blurmatte.color.shadows import darkness
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
@@ -189,9 +189,7 @@ class DiscWithShadow(Hypothesis):
     changes_plate = True
 
     def is_worth_fitting(self, fits: Fits) -> bool:
-        """If a part of the streak may be a shadow, also if a shape explains it that followed one."""
-        if not has_darker_part(fits.image, fits.plate, fits.streak):
-            return False
+        """Also if a shape explains the streak that may have followed the shadow."""
         if fits.explained is None:
             return True
         hypothesis, state = fits.explained
