@@ -53,6 +53,7 @@ from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.assess.model_selection import hypothesis_probabilities
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit_sweep import fit_disc, fit_disc_colors, fit_hypotheses
+from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory
@@ -129,6 +130,20 @@ def test_faint_long_streak_is_fitted():
     true = rendered(scene).layer.alpha
     assert true.max() < 0.065
     assert alpha_error(fit_sweep(*photographed(scene), Streak(true > 0)).alpha, true) < 0.006
+
+
+def test_paths_of_all_kinds_start_from_a_curve_through_most_of_the_streak():
+    """invariant: also where its mask has a wider place, in which a disc fits that fits nowhere else"""
+    wall = plain_plate((240, 80), (0.42, 0.42, 0.4), 4)
+    path = Trajectory.arc((14, 40), (120, 22), (226, 46))
+    scene = Scene(wall, path, Ball(5.0, ORANGE, ambient=1.0))
+    y, x = np.mgrid[:80, :240]
+    true = rendered(scene).layer.alpha > 0
+    for mask in (true, true | (np.hypot(x - 80, y - 26) < 10)):
+        search = Multistart.of(Streak(mask), *photographed(scene), ColorPrior.of(None))
+        curve, _ = search.curves[0]
+        assert np.linalg.norm(curve[-1] - curve[0]) > 150
+        assert len(search.curves) == 4
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["known file", "unknown file"])

@@ -36,6 +36,7 @@ NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 # Radii of the discs that fits start from, for one picture and for one of many frames
 _RADII = (1.0, 0.75, 1.2, 0.5)
 QUICK_RADII = (0.8,)
+_MIN_COVERED = 0.5  # of a streak, by a disc on the curve from which paths of all kinds are fitted
 _RADIUS_BOUNDS = (0.25, 1.6)
 _MARGIN = 2.5  # around the streak
 # Radius of a disc on large and on small pixels
@@ -83,13 +84,14 @@ class Multistart:
         observation = observation.raised(observation.correlated_noise())
         low, high = _RADIUS_BOUNDS
         coarse = observation.coarse_enough(half_width, _COARSE_RADIUS_PX)
+        curves = [
+            (center_curve(depth, radius + dilation) + np.array([x0, y0]), radius)
+            for radius in (fraction * half_width for fraction in radii)
+        ]
         return cls(
             observation,
             coarse,
-            [
-                (center_curve(depth, radius + dilation) + np.array([x0, y0]), radius)
-                for radius in (fraction * half_width for fraction in radii)
-            ],
+            _covering_first(curves, float(np.count_nonzero(streak.mask))),
             (low * half_width, high * half_width),
             np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
         )
@@ -220,6 +222,24 @@ class Multistart:
         """The fit on small pixels that starts there."""
         start = with_principal_axes(state.on(self.observation))
         return minimize(start, self.bounds, MAX_STEPS, ROUGH_TOLERANCE)
+
+
+def _covering_first(
+    curves: Sequence[tuple[Array, float]], area: float
+) -> Sequence[tuple[Array, float]]:
+    """Curves (n, 2) with their radii, first the first of which a disc covers most of the streak.
+
+    Where a mask bulges, a disc as wide as that fits nowhere else.
+    """
+
+    def covered(curve: Array, radius: float) -> float:
+        """Area of a disc that moves along the curve."""
+        length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
+        return radius * (2 * length + np.pi * radius)
+
+    covering = (i for i, one in enumerate(curves) if covered(*one) > _MIN_COVERED * area)
+    first = next(covering, 0)
+    return [curves[first], *curves[:first], *curves[first + 1 :]]
 
 
 def half_width_of(streak: Streak) -> float:
