@@ -36,7 +36,7 @@ NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 # Radii of the discs that fits start from, for one picture and for one of many frames
 _RADII = (1.0, 0.75, 1.2, 0.5)
 QUICK_RADII = (0.8,)
-_MIN_COVERED = 0.5  # of a streak, by a disc on the curve from which paths of all kinds are fitted
+_MIN_COVERED = 0.5  # area that a disc covers on the first curve, of the largest on another one
 _RADIUS_BOUNDS = (0.25, 1.6)
 _MARGIN = 2.5  # around the streak
 # Radius of a disc on large and on small pixels
@@ -91,7 +91,7 @@ class Multistart:
         return cls(
             observation,
             coarse,
-            _covering_first(curves, float(np.count_nonzero(streak.mask))),
+            _covering_first(curves),
             (low * half_width, high * half_width),
             np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
         )
@@ -224,21 +224,16 @@ class Multistart:
         return minimize(start, self.bounds, MAX_STEPS, ROUGH_TOLERANCE)
 
 
-def _covering_first(
-    curves: Sequence[tuple[Array, float]], area: float
-) -> Sequence[tuple[Array, float]]:
-    """Curves (n, 2) with their radii, first the first of which a disc covers most of the streak.
+def _covering_first(curves: Sequence[tuple[Array, float]]) -> Sequence[tuple[Array, float]]:
+    """Curves (n, 2) with their radii, first the first of which a disc covers about the most.
 
     Where a mask bulges, a disc as wide as that fits nowhere else.
     """
-
-    def covered(curve: Array, radius: float) -> float:
-        """Area of a disc that moves along the curve."""
-        length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
-        return radius * (2 * length + np.pi * radius)
-
-    covering = (i for i, one in enumerate(curves) if covered(*one) > _MIN_COVERED * area)
-    first = next(covering, 0)
+    areas = [
+        radius * (2 * np.linalg.norm(np.diff(curve, axis=0), axis=1).sum() + np.pi * radius)
+        for curve, radius in curves
+    ]
+    first = int(np.argmax(np.array(areas) >= _MIN_COVERED * max(areas)))
     return [curves[first], *curves[:first], *curves[first + 1 :]]
 
 
