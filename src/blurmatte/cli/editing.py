@@ -185,9 +185,8 @@ def remove(
         (before, streak), picture, taken = _read(reading, reader, source, image, plate.plate)
         match: bm.background.Match | None = None
         if taken is None:
-            with about(
-                source
-            ):  # a streak without a plate is the region, much larger than the object
+            with about(source):
+                # The streak of a solution without a plate may be all of its region.
                 streak = streak & ((before.alpha > 0) | before.premultiplied.any(axis=-1))
                 scene = guess_behind(picture, streak, grow)
         else:
