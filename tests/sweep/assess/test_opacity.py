@@ -13,7 +13,7 @@ from blurmatte.sweep.assess.opacity import RARE_ODDS, fit_opacity, has_left, is_
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
-from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.silhouette import DISC
@@ -110,6 +110,13 @@ def test_before_a_plain_wall_a_path_that_ends_at_the_border_may_go_on(end):
     """Invariant: light of an object that left does not change with the rest of its path."""
     left = state(1.0, 0.0, 0.006, path=np.array([60.0, 39.0, SIZE[0] + 2 * RADIUS, 39.0]))
     assert has_left(left.moved(np.array([60.0, 39.0, end, 39.0]), left.shape))
+
+
+def test_an_object_that_rests_just_outside_may_as_well_go_on():
+    path = np.array([SIZE[0] + 0.9 * RADIUS, 39.0, 40.0, 39.0])
+    left = state(1.0, 0.0, 0.006, path=path)
+    rests = FROM_REST.starts(left.curve)[0]
+    assert has_left(start_along(left.observation, FROM_REST, rests, RADIUS))
 
 
 def test_an_end_in_the_picture_or_partly_outside_has_not_left():

@@ -120,6 +120,25 @@ def test_path_from_rest_is_constant_until_its_departure():
     assert not D[T < 0.33][:, :, 2:].any()  # neither end nor departure are seen yet
 
 
+@pytest.mark.parametrize("family", FAMILIES[:-1], ids=lambda family: family.name)
+@pytest.mark.parametrize(("before", "after"), [(0.1, 0.0), (0.0, 0.15), (0.1, 0.15)])
+def test_a_continued_path_is_the_same_motion_over_more_time(family, before, after):
+    p = BENT[family]
+    longer = family.continued(p, before, after)
+    expected, _ = family.at(p, -before + T * (1 + before + after))
+    assert_allclose(family.at(longer, T)[0], expected, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("before", [0.2, 0.5])
+def test_a_path_from_rest_is_continued_with_less_time_at_rest_at_the_same_speed(before):
+    p, duration = BENT[FROM_REST], max(1.0, 0.67 + before)
+    longer = FROM_REST.continued(p, before, 0.0)
+    t = np.linspace(1 - 0.67 / duration, 1, 9)
+    expected, _ = FROM_REST.at(p, 1 - (1 - t) * duration)
+    assert_allclose(FROM_REST.at(longer, t)[0], expected, rtol=0, atol=1e-9)
+    assert longer[4] == pytest.approx(max(0.33 - before, 0.0))
+
+
 def test_corner_times_beyond_the_exposure_give_a_valid_path():
     for family, times in ((BOUNCE, (-0.5, 0.0, 1.0, 1.5)), (FROM_REST, (-0.5, 1.0, 1.5))):
         for time in times:

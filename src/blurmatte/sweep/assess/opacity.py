@@ -167,13 +167,11 @@ def _until_outside(state: State, time: int, radius: float) -> Array | None:
 
     None if it is not after twice its diameter.
     """
-    curve = state.curve
-    speed = float(np.linalg.norm(np.diff(curve, axis=0)[-time])) * (len(curve) - 1)
-    for more in np.linspace(0, 4 * radius / max(speed, radius), _OUTSIDE_STEPS)[1:]:
-        t = np.linspace(more * (time - 1), 1 + more * time, len(curve))
-        longer, _ = state.family.at(state.path, t)
-        if _is_beyond(state, longer[-time], radius):
-            return state.family.starts(longer)[0]
+    length = float(np.linalg.norm(np.diff(state.curve, axis=0), axis=1).sum())
+    for more in np.linspace(0, 4 * radius / max(length, radius), _OUTSIDE_STEPS)[1:]:
+        path = state.family.continued(state.path, more * (1 - time), more * time)
+        if _is_beyond(state, state.family.curve(path)[-time], radius):
+            return path
     return None
 
 

@@ -169,6 +169,10 @@ class PathFamily(ABC):
     def starts(self, curve: Array) -> list[Array]:
         """Parameters (n,) of paths along `curve` (m, 2), equally spaced points."""
 
+    def continued(self, p: Array, before: float, after: float) -> Array:
+        """Parameters of the motion over more time, parts of the exposure before and after it."""
+        return self.starts(self.at(p, np.linspace(-before, 1 + after, 33))[0])[0]
+
 
 @dataclass(frozen=True)
 class Polynomial(PathFamily):
@@ -294,6 +298,12 @@ class Bounce(Kinked):
         corners = {int(np.clip(np.argmax(off), 1, last - 1)), last // 3, 2 * last // 3}
         return [np.concatenate([a, curve[i], b, [i / last]]) for i in sorted(corners)]
 
+    def continued(self, p: Array, before: float, after: float) -> Array:
+        """With the same contact."""
+        (start, end), _ = self.at(p, np.array([-before, 1 + after]))
+        contact = (self.kink(p) + before) / (1 + before + after)
+        return np.concatenate([start, p[2:4], end, [contact]])
+
 
 class FromRest(Kinked):
     """At rest, then straight at constant speed; backwards in time, a stop.
@@ -311,6 +321,14 @@ class FromRest(Kinked):
     def starts(self, curve: Array) -> list[Array]:
         """A line from either end of the curve to the other."""
         return [np.concatenate([a, b, [0.3]]) for a, b in (curve[[0, -1]], curve[[-1, 0]])]
+
+    def continued(self, p: Array, before: float, after: float) -> Array:
+        """With a start farther back, and so much less time at rest."""
+        rest = self.kink(p)
+        velocity = (p[2:4] - p[:2]) / (1 - rest)
+        duration = max(1.0, 1 - rest + before) + after
+        start, end = p[:2] - before * velocity, p[2:4] + after * velocity
+        return np.concatenate([start, end, [max(rest - before, 0.0) / duration]])
 
 
 LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)
