@@ -34,11 +34,19 @@ def test_layer_is_clipped_and_the_estimate_is_not():
     assert_array_equal(raw.layer.premultiplied[0, :, 0], [0, 0.25, 0.6])
 
 
-@pytest.mark.parametrize("flag", UNKNOWN)
+@pytest.mark.parametrize("flag", [Quality.SATURATED, Quality.OUTSIDE])
 def test_layer_is_empty_where_nothing_is_known(flag):
     layer = solution([0.5, 0.5], [flag, GOOD]).layer
     assert_array_equal(layer.alpha, [[0, 0.5]])
     assert_array_equal(layer.premultiplied[0, 0], 0)
+
+
+def test_layer_keeps_unknown_alpha_that_is_a_fraction():
+    """exact: before a plate of the object's color; numbers outside 0 to 1 are no fractions."""
+    unknown = solution([0.5, -0.2, 1.4], [Quality.PLATE_IN_MODEL] * 3)
+    assert not unknown.known.any()
+    assert_array_equal(unknown.layer.alpha, [[0.5, 0, 0]])
+    assert_array_equal(unknown.layer.premultiplied[0, :, 0], [0.25, 0, 0])
 
 
 def test_known_depends_on_the_error_not_on_flags():

@@ -177,13 +177,15 @@ class Solution(Displayed):
     def layer(self) -> Layer:
         """The object as a picture, to composite with; measure on `alpha` instead.
 
-        Alpha is clipped to [0, 1] and light is not negative. Both are 0 where one of them is unknown,
-        occluded, or nothing moved. Of an object that only adds light alpha is 0, and the light is the
-        estimate, not clipped. The light of a camera RAW is converted to linear sRGB.
+        Alpha is clipped to [0, 1] and light is not negative. Both are 0 where the object is occluded,
+        nothing moved, or alpha is unknown and not a fraction. An unknown fraction, the mean of what is
+        possible, is kept, for a hole is a larger error. Of an object that only adds light alpha is 0,
+        and the light is the estimate, not clipped. The light of a camera RAW is converted to linear sRGB.
         """
         place = self.streak_place
         part = self.within(place)
-        lit = part.known & np.isfinite(part.premultiplied_std).all(axis=-1)
+        is_fraction = np.isfinite(part.alpha_std) & (np.abs(part.alpha - 0.5) <= 0.5)
+        lit = (part.known | is_fraction) & np.isfinite(part.premultiplied_std).all(axis=-1)
         alpha = np.where(part.streak & lit, np.clip(part.alpha, 0, 1), 0)
         seen = light_in_srgb(part.premultiplied, self.model.to_srgb)
         if self.stats.only_adds_light:
