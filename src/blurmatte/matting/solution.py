@@ -180,7 +180,8 @@ class Solution(Displayed):
         Alpha is clipped to [0, 1] and light is not negative. Both are 0 where the object is occluded,
         nothing moved, or alpha is unknown and not a fraction. An unknown fraction, the mean of what is
         possible, is kept, for a hole is a larger error. Of an object that only adds light alpha is 0,
-        and the light is the estimate, not clipped. The light of a camera RAW is converted to linear sRGB.
+        and the light is the estimate, not clipped. The light of a camera RAW is converted to linear
+        sRGB.
         """
         place = self.streak_place
         part = self.within(place)
