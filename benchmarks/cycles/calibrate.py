@@ -165,7 +165,7 @@ def by_kind(samples: Sequence[Sample]) -> Table:
 
 
 def _sample(picture: Picture) -> Sample | None:
-    """None without an answer."""
+    """None without an answer, or if the answer is light alone, whose error is not calibrated."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         truth = picture.truth()
@@ -175,7 +175,7 @@ def _sample(picture: Picture) -> Sample | None:
         except BlurmatteError:
             return None
         errors = errors_of(solution, truth, picture.answers(truth), picture.facts)
-    if errors.alpha_rmse is None:
+    if errors.alpha_rmse is None or solution.stats.error_terms is None:
         return None
     return Sample(
         picture.part,
