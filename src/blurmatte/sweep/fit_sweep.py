@@ -363,7 +363,7 @@ def _fit_before(
     seen_through = _seen_through(state, search.bounds)
     if _is_alone_explaining(seen_through, state):
         state = seen_through
-    elif not (is_source(state) or may_be_there_in_part(state)):
+    elif not (may_be_there_in_part(state) or (is_source(state) and is_explained_by(state))):
         solid = _Candidates.of(fits, hypotheses, limit)
         opacity = _opacity_of(solid.likeliest.state)
         thin = _likelier_thin(solid, state, seen_through, opacity)
@@ -390,10 +390,16 @@ def _likelier_thin(
 ) -> State | None:
     """A shape that lets light through and is likelier than the solid ones, if there is one.
 
+    Of a disc that is too bright for a surface it is that disc, unless texture shows that the likeliest
+    shape hides it: the disc of a stick that moved across itself is too small.
+
     disc, thin_disc: where another search starts, and `_seen_through` of it.
     opacity: that of the likeliest solid shape.
     """
     state = solid.likeliest.state
+    if is_source(disc):
+        is_shown = opacity.value == 1 and opacity.thin_std <= _MAX_OPEN_STD
+        return None if is_shown and not is_source(state) else disc
     if solid.likeliest.cast is not None:  # its cost is that before another plate
         is_likelier = thin_disc is not disc and solid.is_beaten_by(thin_disc)
         return thin_disc if is_likelier else None
