@@ -51,6 +51,7 @@ from blurmatte.sweep.fit.multistart import (
 from blurmatte.sweep.fit.pattern import fit_pattern, fit_patterns, has_pattern, may_have_pattern
 from blurmatte.sweep.fit.ranking import (
     NEGATIVE_LIGHT,
+    UNSEEN_END,
     Candidate,
     best_of,
     explained_fraction,
@@ -542,12 +543,14 @@ class _Candidates:
     ) -> tuple[tuple[Sweep, ...], tuple[Evidence, ...], tuple[Candidate, ...]]:
         """Different sweeps, evidence, candidates; that first whose alpha is expected nearest the truth.
 
-        Probabilities of sweeps that are nearly the same add up in this expectation.
+        Probabilities of sweeps that are nearly the same add up in this expectation. Those that end
+        where nothing changed are left out, if there are others.
         compared: of each candidate.
         """
         observation = self.fits.search.observation
         order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
         by_score = [(*compared[i], self.candidates[i]) for i in order]
+        by_score = [one for one in by_score if one[0].rejection != UNSEEN_END] or by_score
         different = distinct(by_score, lambda fit, better: _are_alike(fit[0], better[0]))
         kept = [
             (sweep, with_odds(known, observation, sweep, one.covariance is not None), one)

@@ -12,8 +12,10 @@ from blurmatte.rendering import Ball
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.ranking import (
     MAX_LIGHT,
+    UNSEEN_END,
     best_of,
     bic_penalty,
+    ends_unseen,
     inside_mask,
     is_source,
     ranked,
@@ -130,6 +132,44 @@ def test_a_path_must_stay_in_the_streak():
     detour = disc_on(CUBIC, [44, 42, 48, 115, 78, 55, 112, 68])
     assert not inside_mask(detour)
     assert rejection(detour) == "leaves the streak"
+
+
+@pytest.fixture
+def too_long():
+    """The line of the ball, and on beyond the streak, where nothing changed."""
+    line = disc_at(observed(BALL, color=ONE_PAINT))
+    start, end = line.path[:2], line.path[2:]
+    return line.moved(np.array([*start, *(end + 0.3 * (end - start))]), line.shape)
+
+
+def test_a_path_must_not_end_where_nothing_changed(too_long):
+    assert inside_mask(too_long)
+    assert rejection(too_long) == UNSEEN_END
+
+
+def test_a_path_may_end_before_a_plate_of_the_color_of_the_object(too_long):
+    """exact: the object would not be seen there."""
+    observation = too_long.observation
+    color = observation.of_rgb(too_long.mean_color)
+    outside = ~observation.streak[..., None]
+    C, B = (np.where(outside, color, light) for light in (observation.C, observation.B))
+    hidden = too_long.relit(replace(observation, C=C, B=B))
+    assert not ends_unseen(hidden)
+
+
+def test_a_path_may_be_hidden_between_its_ends():
+    """exact: a post that hides the middle of the streak."""
+    line = disc_at(observed(BALL, color=ONE_PAINT))
+    observation, middle = line.observation, line.curve[16] - line.observation.origin
+    columns = np.abs(np.arange(observation.C.shape[1]) - middle[0]) < 4
+    C = np.where(columns[None, :, None], observation.B, observation.C)
+    hidden = line.relit(replace(observation, C=C, streak=observation.streak & ~columns))
+    assert not ends_unseen(hidden)
+
+
+def test_a_source_of_light_may_go_out(too_long):
+    alone = replace(too_long.observation, light_alone=True)
+    assert not ends_unseen(too_long.relit(alone))
 
 
 def test_a_path_may_leave_the_picture():

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Ints64
 from blurmatte.statistics import (
     CORRELATED_PX,
     DECISIVE_LOG_BAYES_FACTOR,
@@ -25,7 +25,9 @@ from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
-NEGATIVE_LIGHT = "needs negative light"  # a reason why a sweep is physically impossible
+# Reasons why a sweep is physically impossible
+NEGATIVE_LIGHT = "needs negative light"
+UNSEEN_END = "ends where nothing changed"
 
 # Limits of a sweep that is physically possible.
 MAX_LIGHT = 1.2  # mean light of a surface, where the sensor's white is 1
@@ -33,6 +35,7 @@ MAX_LIGHT = 1.2  # mean light of a surface, where the sensor's white is 1
 MIN_LIGHT = -0.1
 _MIN_VISIBLE_FRACTION = 0.5  # of the total alpha, on valid pixels
 _MAX_OUTSIDE_FRACTION = 0.01  # of the path, outside the mask
+_PATH_POINTS = 129  # at even times, that are looked at
 # Turn of the path within the object's own width: half a circle, and rounding
 _MAX_TURN_RAD = 3.5
 # Median outside the streak, over that of noise, of codecs that repeat static parts
@@ -86,6 +89,8 @@ def rejection(state: State) -> str:
         return NEGATIVE_LIGHT
     if not inside_mask(state):
         return "leaves the streak"
+    if ends_unseen(state):
+        return UNSEEN_END
     if self_overlaps(state):
         return "doubles back within its own width"
     alpha = state.swept.alpha
@@ -97,16 +102,47 @@ def rejection(state: State) -> str:
 
 def inside_mask(state: State) -> bool:
     """True if the path stays near the streak where it is within the picture."""
+    near = state.observation.near
+    y, x, beyond = _along_path(state)
+    outside = np.count_nonzero(beyond | ~near[y, x])
+    return bool(outside <= _MAX_OUTSIDE_FRACTION * _PATH_POINTS)
+
+
+def ends_unseen(state: State) -> bool:
+    """True if the object is decisively not where an end of its path lies, outside the streak.
+
+    With its mean color it would be seen there. A fit of any colors may give that end the plate's color
+    instead, and so make the path longer. A source of light may go out.
+    """
+    observation, alpha = state.observation, state.swept.alpha
+    y, x, beyond = _along_path(state)
+    seen = np.flatnonzero(observation.streak[y, x] & ~beyond)
+    if observation.light_alone or not seen.size:
+        return False
+    last = len(y) - seen[-1] - 1
+    of_ends = np.unique(np.stack([y, x])[:, np.r_[: seen[0], len(y) - last : len(y)]], axis=1)
+    y, x = of_ends[:, (observation.valid & ~observation.streak)[tuple(of_ends)]]
+    inside = observation.streak & observation.valid
+    covered = alpha[inside][:, None]
+    light = observation.C[inside] - (1 - covered) * observation.B[inside]
+    color = (covered * light).sum(axis=0) / max(float((covered**2).sum()), 1e-12)
+    variance = (observation.C_variance + observation.B_variance)[y, x]
+    expected = alpha[y, x][:, None] * (color - observation.B[y, x])
+    found = (observation.C - observation.B)[y, x]
+    log_odds = float(((found - expected / 2) * expected / variance).sum())
+    return log_odds / state.variance_inflation < -DECISIVE_LOG_BAYES_FACTOR
+
+
+def _along_path(state: State) -> tuple[Ints64, Ints64, Bools]:
+    """Rows and columns of the path within the picture, and whether they are beyond the pixels."""
     observation = state.observation
-    xy, _ = state.family.at(state.path, np.linspace(0, 1, 129))
+    xy, _ = state.family.at(state.path, np.linspace(0, 1, _PATH_POINTS))
     visible = np.all((xy > -0.5) & (xy < np.array(observation.size) - 0.5), axis=1)
     at = (xy[visible] - observation.origin) / observation.scale
     h, w = observation.near.shape
-    x, y = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(int).T
+    x, y = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(np.int64).T
     # Blocks may cover less than the picture: one block beyond counts as within.
-    beyond = np.any((at < -1) | (at > (w, h)), axis=1)
-    outside = np.count_nonzero(beyond | ~observation.near[y, x])
-    return bool(outside <= _MAX_OUTSIDE_FRACTION * len(xy))
+    return y, x, np.any((at < -1) | (at > (w, h)), axis=1)
 
 
 def self_overlaps(state: State) -> bool:
