@@ -19,7 +19,7 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
-from blurmatte.sweep.fit.outline import HIGHEST_ORDER, fit_growing, fit_outline
+from blurmatte.sweep.fit.outline import HIGHEST_ORDER, exchanged, fit_growing, fit_outline
 from blurmatte.sweep.fit.pattern import fit_patterns, has_pattern
 from blurmatte.sweep.fit.ranking import (
     Candidate,
@@ -148,8 +148,10 @@ class Outline(Hypothesis):
         return not fits.search.observation.is_known_disc and super().is_worth_fitting(fits)
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
-        """Of one paint."""
-        return [Candidate(fit_outline(fits.disc))]
+        """Of one paint: the best, and the same that exchanged its length and that of its path."""
+        best = fit_outline(fits.disc)
+        other = None if best is fits.disc else exchanged(best, fits.disc)
+        return [Candidate(one) for one in (best, other) if one is not None]
 
 
 @dataclass(frozen=True)

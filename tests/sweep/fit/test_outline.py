@@ -27,8 +27,16 @@ from blurmatte.rendering import Ball, Scene
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.outline import changing, fit_outline, outlined, stretched, turning
+from blurmatte.sweep.fit.outline import (
+    changing,
+    exchanged,
+    fit_outline,
+    outlined,
+    stretched,
+    turning,
+)
 from blurmatte.sweep.model.path import LINE
+from blurmatte.trajectory import Trajectory
 
 PATH = along(LINE)
 EGG = Scene(WALL, PATH, Ball(12, GREEN, ambient=1.0), Change(squash=(1.5, 1.5), squash_angle=0.9))
@@ -149,3 +157,26 @@ def test_starts_include_both_directions_of_rotation():
     turns = [start.silhouette.turn(start.shape) for start in turning(disc, disc)]
     assert sorted(set(turns)) == [-1, 0, 1]
     assert outlined(disc).order == 6
+
+
+OBLONG = Scene(WALL, Trajectory.line((70, 56), (84, 56)), Sheet(28, 20, GREEN))
+
+
+def test_a_sheet_and_its_path_can_exchange_their_lengths_before_one_hue():
+    """oracle: both leave the same light, with alphas that differ by the factor of the lengths."""
+    observation = observed(OBLONG, color=ONE_PAINT)
+    disc = minimize(disc_at(observation), BOUNDS)
+    found = fit_outline(disc)
+    other = exchanged(found, disc)
+    ratio = other.swept.alpha.sum() / found.swept.alpha.sum()
+    assert max(ratio, 1 / ratio) == pytest.approx(2.0, rel=0.15)
+    lengths = [float(np.linalg.norm(one.curve[-1] - one.curve[0])) for one in (found, other)]
+    assert sorted(lengths) == pytest.approx([14, 28], rel=0.15)
+    assert abs(other.cost - found.cost) < 0.02 * disc.cost
+
+
+def test_discs_and_shapes_that_turn_exchange_nothing():
+    disc = disc_of(FLAT[LINE])
+    turns = disc.of_kind(replace(outlined(disc), turns=True))
+    assert exchanged(disc, disc) is None
+    assert exchanged(turns, disc) is None

@@ -19,6 +19,7 @@ from blurmatte.sweep.fit.ranking import (
     bic_penalty,
 )
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
+from blurmatte.sweep.model.shape import OUTLINE_POINTS
 from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
 
@@ -33,6 +34,7 @@ _FINE_ORDERS = (4, 8, HIGHEST_ORDER)
 _RADIUS_BOUNDS = (0.25, 2.5)  # of the disc's radius
 _MAX_COARSE_STEPS = 20
 _MAX_FINE_STEPS = 15
+_MIN_EXCHANGED_PX = 2.0  # of a path or an outline that change places: a lens blurs shorter ones
 _MAX_GROWTH_STEPS = 15  # of a growing disc on large pixels
 _GROWTHS = (-0.5, 0.5)  # log growth that fits start from
 # Variance inflation of residuals that other shapes do not reduce
@@ -41,8 +43,7 @@ _MAX_EXPLAINED_INFLATION = 1.3
 
 def fit_outline(disc: State) -> State:
     """The shape of the least Bayesian information criterion, from a fitted disc of one paint."""
-    low, high = _RADIUS_BOUNDS
-    bounds = low * disc.radius, high * disc.radius
+    bounds = _bounds_around(disc)
     (start,) = _fitted([_on_large_pixels(disc)], bounds)
     shapes = [outlined(start), replace(outlined(start), order=2)]
     explained = _MAX_EXPLAINED_INFLATION
@@ -75,6 +76,37 @@ def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
         return disc
     fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
     return best_of([disc, fine])
+
+
+def exchanged(found: State, disc: State) -> State | None:
+    """A fit of an outline as long as its path, on a path as long as it was; None if it turns.
+
+    Before a plate of one hue both leave nearly the same light: a length a that moves by b is seen as a
+    length b that moves by a. Their alphas differ by the factor a / b.
+
+    disc: from which the outline was fitted.
+    """
+    silhouette = found.silhouette
+    if not isinstance(silhouette, Silhouette) or silhouette.is_disc or silhouette.turns:
+        return None
+    curve = found.curve
+    chord = curve[-1] - curve[0]
+    moved = float(np.linalg.norm(chord))
+    along = chord / max(moved, 1e-9)
+    length = float(np.ptp(silhouette.outline(found.shape, OUTLINE_POINTS) @ along))
+    if min(moved, length) < _MIN_EXCHANGED_PX:
+        return None
+    longer = np.eye(2) + (moved / length - 1) * np.outer(along, along)
+    shape = silhouette.mapped(found.shape, longer)
+    middle = curve[[0, -1]].mean(axis=0)
+    path = found.family.starts(middle + (curve - middle) * length / moved)[0]
+    start = state_at(found.observation, found.family, path, silhouette, shape)
+    return minimize(start, _bounds_around(disc), _MAX_FINE_STEPS, ROUGH_TOLERANCE)
+
+
+def _bounds_around(disc: State) -> tuple[float, float]:
+    low, high = _RADIUS_BOUNDS
+    return low * disc.radius, high * disc.radius
 
 
 def _on_large_pixels(disc: State) -> State:
