@@ -13,7 +13,9 @@ from blurmatte.matting.maps import Grade
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import plain_plate, textured_plate
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep import OpacityPrior
 from blurmatte.trajectory import Trajectory
 
@@ -53,6 +55,16 @@ def test_texture_shows_how_much_light_an_object_hides():
     assert abs(opacity - 0.5) < 2.5 * std
     assert error_of(alpha, solution) < min(0.02, 2 * solution.stats.alpha_error)
     assert solution.stats.sweep.opacity == opacity
+
+
+@pytest.mark.parametrize("kind", ["colorful", "textured"])
+def test_a_stick_that_moved_across_itself_is_no_source_of_light(kind):
+    """honest: its disc is too bright for a surface, but texture shows that it hides the plate."""
+    dim = 0.5 * PLATES[kind](2)
+    stick, path = Sheet(70, 6, (0.35, 0.55, 0.12)), Trajectory.line((70, 50), (78, 54))
+    alpha, solution = solved(Scene(dim, path, stick, Change(turned=(0.0, 0.0, 1.1))))
+    assert not solution.stats.only_adds_light
+    assert error_of(alpha, solution) < min(0.04, 2 * solution.stats.alpha_error)
 
 
 @pytest.mark.battery

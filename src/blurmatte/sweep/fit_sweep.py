@@ -99,6 +99,7 @@ _MIN_ALPHA_DIFFERENCE = 0.01
 _MIN_OPACITY = 0.02  # of a shape that is fitted by its alpha
 # Of the opacity of an object that lets light through; it is 0.29 if that is open, 0…1
 _MAX_OPEN_STD = 0.2
+_MIN_HIDING_STDS = 3.0  # opacity over its error from which an object is no source of light
 _MAX_KNOWN_STD = 0.03  # of the opacity of a solid object that is known to be solid
 _MIN_SOURCE_PX = 0.5  # radius of a source of light: a point that a lens blurs
 _MAX_ROUNDS = 8  # of opacity and shape
@@ -364,7 +365,7 @@ def _fit_before(
     seen_through = _seen_through(state, search.bounds)
     if _is_alone_explaining(seen_through, state):
         state = seen_through
-    elif not (may_be_there_in_part(state) or (is_source(state) and is_explained_by(state))):
+    elif not (may_be_there_in_part(state) or _is_plain_source(state)):
         solid = _Candidates.of(fits, hypotheses, limit)
         opacity = _opacity_of(solid.likeliest.state)
         thin = _likelier_thin(solid, state, seen_through, opacity)
@@ -399,8 +400,8 @@ def _likelier_thin(
     """
     state = solid.likeliest.state
     if is_source(disc):
-        is_shown = opacity.value == 1 and opacity.thin_std <= _MAX_OPEN_STD
-        return None if is_shown and not is_source(state) else disc
+        hides = opacity.thin > _MIN_HIDING_STDS * opacity.thin_std
+        return None if hides and not is_source(state) else disc
     if solid.likeliest.cast is not None:  # its cost is that before another plate
         is_likelier = thin_disc is not disc and solid.is_beaten_by(thin_disc)
         return thin_disc if is_likelier else None
@@ -410,6 +411,12 @@ def _likelier_thin(
     if not (opacity.std <= _MAX_KNOWN_STD and is_explained_by(state)):
         thin = best_of([thin, thin_disc])
     return thin if thin not in (state, disc) and best_of([state, thin]) is thin else None
+
+
+def _is_plain_source(disc: State) -> bool:
+    """Whether a source of one color leaves nothing to explain; of any colors, sticks do so as well."""
+    one_paint = disc.observation.color.varied == 1
+    return is_source(disc) and one_paint and is_explained_by(disc)
 
 
 def _is_alone_explaining(thin: State, disc: State) -> bool:
