@@ -36,6 +36,7 @@ MIN_LIGHT = -0.1
 _MIN_VISIBLE_FRACTION = 0.5  # of the total alpha, on valid pixels
 _MAX_OUTSIDE_FRACTION = 0.01  # of the path, outside the mask
 _PATH_POINTS = 129  # at even times, that are looked at
+_ACROSS_POINTS = 9  # of each diameter across the path
 # Turn of the path within the object's own width: half a circle, and rounding
 _MAX_TURN_RAD = 3.5
 # Median outside the streak, over that of noise, of codecs that repeat static parts
@@ -102,9 +103,9 @@ def rejection(state: State) -> str:
 
 def inside_mask(state: State) -> bool:
     """True if the path stays near the streak where it is within the picture."""
-    near = state.observation.near
-    y, x, beyond = _along_path(state)
-    outside = np.count_nonzero(beyond | ~near[y, x])
+    xy, _ = _visible_path(state)
+    (y, x), beyond = _pixels_at(state, xy)
+    outside = np.count_nonzero(beyond | ~state.observation.near[y, x])
     return bool(outside <= _MAX_OUTSIDE_FRACTION * _PATH_POINTS)
 
 
@@ -114,14 +115,24 @@ def ends_unseen(state: State) -> bool:
     With its mean color it would be seen there. A fit of any colors may give that end the plate's color
     instead, and so make the path longer. A source of light may go out.
     """
-    observation, alpha = state.observation, state.swept.alpha
-    y, x, beyond = _along_path(state)
-    seen = np.flatnonzero(observation.streak[y, x] & ~beyond)
+    observation = state.observation
+    xy, normals = _visible_path(state)
+    # Across its path: stripes of the plate's color are not seen, but others of the object are.
+    offsets = state.radius * np.linspace(-1, 1, _ACROSS_POINTS)
+    across, beyond = _pixels_at(state, xy + offsets[:, None, None] * normals)
+    seen = np.flatnonzero((observation.streak[tuple(across)] & ~beyond).any(axis=0))
     if observation.light_alone or not seen.size:
         return False
-    last = len(y) - seen[-1] - 1
-    of_ends = np.unique(np.stack([y, x])[:, np.r_[: seen[0], len(y) - last : len(y)]], axis=1)
-    y, x = of_ends[:, (observation.valid & ~observation.streak)[tuple(of_ends)]]
+    (y, x), _ = _pixels_at(state, xy)
+    ends = np.r_[: seen[0], seen[-1] + 1 : len(xy)]
+    y, x = np.unique(np.stack([y, x])[:, ends], axis=1)
+    shown = observation.valid[y, x] & ~observation.streak[y, x]
+    return _log_odds_at(state, y[shown], x[shown]) < -DECISIVE_LOG_BAYES_FACTOR
+
+
+def _log_odds_at(state: State, y: Ints64, x: Ints64) -> float:
+    """Log Bayes factor of the mean color in the streak, against nothing, at rows and columns (n,)."""
+    observation, alpha = state.observation, state.swept.alpha
     inside = observation.streak & observation.valid
     covered = alpha[inside][:, None]
     light = observation.C[inside] - (1 - covered) * observation.B[inside]
@@ -130,19 +141,25 @@ def ends_unseen(state: State) -> bool:
     expected = alpha[y, x][:, None] * (color - observation.B[y, x])
     found = (observation.C - observation.B)[y, x]
     log_odds = float(((found - expected / 2) * expected / variance).sum())
-    return log_odds / state.variance_inflation < -DECISIVE_LOG_BAYES_FACTOR
+    return log_odds / state.variance_inflation
 
 
-def _along_path(state: State) -> tuple[Ints64, Ints64, Bools]:
-    """Rows and columns of the path within the picture, and whether they are beyond the pixels."""
-    observation = state.observation
+def _visible_path(state: State) -> tuple[Array, Array]:
+    """Points (n, 2) of the path within the picture, and unit normals of the path (n, 2) there."""
     xy, _ = state.family.at(state.path, np.linspace(0, 1, _PATH_POINTS))
-    visible = np.all((xy > -0.5) & (xy < np.array(observation.size) - 0.5), axis=1)
-    at = (xy[visible] - observation.origin) / observation.scale
-    h, w = observation.near.shape
-    x, y = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(np.int64).T
+    dx, dy = np.gradient(xy, axis=0).T
+    normals = np.stack([-dy, dx], axis=1) / np.maximum(np.hypot(dx, dy), 1e-9)[:, None]
+    visible = np.all((xy > -0.5) & (xy < np.array(state.observation.size) - 0.5), axis=1)
+    return xy[visible], normals[visible]
+
+
+def _pixels_at(state: State, xy: Array) -> tuple[Ints64, Bools]:
+    """Rows and columns (2, ...) of points (..., 2), and whether they are beyond the pixels (...)."""
+    at = (xy - state.observation.origin) / state.observation.scale
+    h, w = state.observation.near.shape
+    nearest = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(np.int64)
     # Blocks may cover less than the picture: one block beyond counts as within.
-    return y, x, np.any((at < -1) | (at > (w, h)), axis=1)
+    return np.moveaxis(nearest[..., ::-1], -1, 0), np.any((at < -1) | (at > (w, h)), axis=-1)
 
 
 def self_overlaps(state: State) -> bool:
