@@ -76,9 +76,6 @@ def test_an_even_plate_leaves_the_opacity_in_the_error():
 
 
 @pytest.mark.battery
-@pytest.mark.xfail(
-    strict=True, reason="the error of an opacity that is not seen is that of solid things"
-)
 def test_an_error_before_an_even_plate_covers_the_opacity():
     """honest: of a scene in which nothing shows the opacity, 0.4."""
     alpha, solution = solved(glass(0.4, "plain"))
