@@ -427,9 +427,6 @@ def test_rejects_different_sizes():
 
 
 @pytest.mark.battery
-@pytest.mark.xfail(
-    strict=True, reason="a growing disc is likelier in one picture, and 2.4 % larger"
-)
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 def test_a_real_ball_has_one_size(real_data):
     """invariant: the same ball twice, once long and faint in its shadow, once short."""
