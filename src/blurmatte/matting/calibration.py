@@ -38,6 +38,7 @@ _MAX_RIM_SHIFT = 8.0  # standard deviations of the rim's position
 _NEIGHBORS = np.ones((3, 3), bool), np.eye(3)[1] + np.eye(3)[1][:, None] > 0  # in turn: a disc
 MIN_ALPHA = 0.004  # of the pixels that count as streak
 _MIN_CLAIM = 1e-4  # smallest claimed error of alpha
+_MAX_CLAIM = float(np.sqrt(1 / 3))  # error of alpha 0 where nothing is known
 _LARGE_CLAIM = 0.05  # claimed error of alpha from which on claims are not too small
 _MAX_COLOR_SPREAD = 0.5  # radians
 _MAX_COLOR_ANGLE_STD = 20.0  # degrees
@@ -56,10 +57,13 @@ class HypothesisSummary:
 
 
 def claimed_error(estimate: AlphaEstimate) -> float:
-    """s: root mean square over the streak of the standard deviation of an estimate."""
+    """s: root mean square over the streak of the standard deviation of an estimate.
+
+    Where light changed and the estimate has no object, it knows of alpha only that it is a fraction.
+    """
     std = np.hypot(estimate.alpha_std, estimate.scale_std * estimate.alpha)
     use = on_streak(estimate.alpha, std)
-    return max(float(np.sqrt(np.mean(std[use] ** 2))) if use.any() else 0.0, _MIN_CLAIM)
+    return max(float(np.sqrt(np.mean(std[use] ** 2))), _MIN_CLAIM) if use.any() else _MAX_CLAIM
 
 
 def on_streak(alpha: Floats, std: Floats) -> Bools:

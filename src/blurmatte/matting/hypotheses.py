@@ -34,6 +34,7 @@ from blurmatte.matting.calibration import (
     error_terms,
     grade_of,
     graded,
+    on_streak,
     reasons,
 )
 from blurmatte.matting.case import Answer, Case, Solver
@@ -96,6 +97,11 @@ class WeightedHypotheses:
         estimates += [one.within(box) for one in shapeless]
         possible += [mixtures.permit(one.alpha, box) for one in estimates[len(shapes) :]]
         if case.is_exact or not any(possible):
+            possible = [True] * len(estimates)
+        # A color on the wrong side of the plate makes every alpha negative, at a good fit.
+        shown = [bool(on_streak(one.alpha, one.alpha_std).any()) for one in estimates]
+        possible = [a and b for a, b in zip(possible, shown, strict=True)]
+        if not any(possible):
             possible = [True] * len(estimates)
         can = iter(possible)
         shapes = [one if next(can) else one.made_impossible for one in shapes]
