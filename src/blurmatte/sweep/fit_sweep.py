@@ -34,6 +34,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_probabilities,
     hypothesis_scores,
     hypothesis_weights,
+    is_decisively_likelier,
     with_odds,
 )
 from blurmatte.sweep.assess.opacity import Opacity, fit_opacity, may_be_there_in_part
@@ -92,7 +93,6 @@ _MAX_STREAKS = 5  # that are compared
 _MIN_LOSS = 0.02
 # Of a streak in that light: a smaller one justifies a search
 _MAX_REMAINING_FRACTION = 0.9
-_MIN_LIGHT_WEIGHT = 0.993  # weight of other light on the plate: 150 to 1
 _MIN_REFINED_WEIGHT = 1e-2  # probability of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
 _MIN_ALPHA_DIFFERENCE = 0.01
@@ -231,21 +231,17 @@ def fit_hypotheses(
     Before the plate as it is or, if a hypothesis changes the plate, in the light that the object left
     on it if that is decisively likelier. After `seconds` of CPU time the first is fitted only.
     """
-    limit = TimeLimit(seconds)
 
     def search(streak: Streak, image: LinearImage, plate: LinearImage) -> Multistart:
         """Fits before a plate."""
         search = Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
         return search.with_observations(lambda one: replace(one, opacity=opacity))
 
-    def before(plate: LinearImage, streak: Streak) -> _Candidates:
-        """All hypotheses before a plate."""
-        return _fit_before(image, plate, streak, search, start, hypotheses, limit)
-
-    candidates = before(plate, streak)
+    task = _Task(image, search, start, hypotheses, TimeLimit(seconds))
+    candidates = task.candidates(plate, streak)
     # Without hues a dark object looks like a loss of light.
     if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
-        candidates = _in_likelier_light(candidates, image, before, limit)
+        candidates = _in_likelier_light(candidates, task)
     found = candidates.refined(with_pattern=len(hypotheses) > 1)
     # Nobody can give the color of a black thing in a gray picture.
     may_be_texture = plate.meta.guess_error is not None
@@ -254,12 +250,67 @@ def fit_hypotheses(
     return found
 
 
-def _in_likelier_light(
-    candidates: "_Candidates",
-    image: LinearImage,
-    fit_before: Callable[[LinearImage, Streak], "_Candidates"],
-    limit: TimeLimit,
-) -> "_Candidates":
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What is fitted to an image, before any plate."""
+
+    image: LinearImage
+    search_in: Search
+    start: Sweep | None
+    hypotheses: Sequence[Hypothesis]
+    limit: TimeLimit
+
+    def candidates(self, plate: LinearImage, streak: Streak) -> "_Candidates":
+        """All hypotheses before a plate; of light alone, if the object hides nothing.
+
+        The object is solid unless the likeliest of these shapes is likelier if it lets light through.
+        """
+        search, *discs = _discs(self.search_in(streak, self.image, plate), self.start)
+        fits = Fits(search, self.image, plate, streak, tuple(discs[0]), tuple(discs[1]))
+        if _is_known_solid(search.observation):
+            return self._fitted(fits)
+        state = best_of([kind[0] for kind in discs if kind])
+        seen_through = _seen_through(state, search.bounds)
+        if _is_alone_explaining(seen_through, state):
+            state = seen_through
+        elif not (may_be_there_in_part(state) or _is_plain_source(state)):
+            solid = self._fitted(fits)
+            opacity = _opacity_of(solid.likeliest.state)
+            thin = _likelier_thin(solid, state, seen_through, opacity)
+            if thin is None:
+                spread = float(np.hypot(opacity.std, 1 - opacity.value))
+                return solid.with_opacity_errors(spread, opacity.even_std)
+            state = thin
+        hides = _opacity_of(_seen_through(state, search.bounds))
+        if hides.value > 0:
+            one_paint, varied = (
+                tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs
+            )
+            return self._fitted(replace(fits, one_paint=one_paint, varied=varied), _with_opacity)
+        added = self._of_light(fits, hides.std)
+        if added.as_fitted.best.rejection != NEGATIVE_LIGHT:
+            return added
+        # A source of light takes none: the color is wrong, and says nothing about the opacity.
+        return self._fitted(fits)
+
+    def _fitted(
+        self, fits: Fits, completed: Callable[[Candidate], Candidate] | None = None
+    ) -> "_Candidates":
+        return _Candidates.of(fits, self.hypotheses, self.limit, completed)
+
+    def _of_light(self, fits: Fits, std: float) -> "_Candidates":
+        """Candidates for the light that was added by an object of the opacity 0 ± std."""
+        streak, plate = fits.streak, fits.plate
+        light, dark = _light_alone(self.image, plate)
+        search = self.search_in(streak, light, dark)
+        search = search.with_observations(lambda one: replace(one, light_alone=True))
+        search = replace(search, bounds=(min(_MIN_SOURCE_PX, search.bounds[0]), search.bounds[1]))
+        search, one_paint, varied = _discs(search, None)
+        fits = Fits(search, light, dark, streak, tuple(one_paint), tuple(varied))
+        return replace(self._fitted(fits), added_before=(plate, std))
+
+
+def _in_likelier_light(candidates: "_Candidates", task: _Task) -> "_Candidates":
     """Candidates before the plate in the light that the object left on it, if they are likelier.
 
     Both are compared with the measured noise: changed light would inflate its estimate. Where other
@@ -272,27 +323,22 @@ def _in_likelier_light(
         return candidates
     if is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return candidates
-    if limit.is_over:
+    if task.limit.is_over:
         return replace(candidates, untried=(*candidates.untried, "other light on the plate"))
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
     before = found.best_evidence(observation)
     rivals = [(before, candidates)]
     for is_gray in (True, False):
-        lit = _lighting_of(image, found.plate, found.streak, outside, is_gray)
+        lit = _lighting_of(task.image, found.plate, found.streak, outside, is_gray)
         if lit is not None:
-            rivals += _in_light(found, observation, *lit, fit_before)
+            rivals += _in_light(found, observation, *lit, task)
     best, others = rivals[int(np.argmax(hypothesis_weights([one for one, _ in rivals])))]
-    weight = hypothesis_weights([before, best])[1]
-    return others if weight > _MIN_LIGHT_WEIGHT else candidates
+    return others if is_decisively_likelier(best, before) else candidates
 
 
 def _in_light(
-    found: Hypotheses,
-    observation: Observation,
-    lighting: Lighting,
-    rest: Streak,
-    fit_before: Callable[[LinearImage, Streak], "_Candidates"],
+    found: Hypotheses, observation: Observation, lighting: Lighting, rest: Streak, task: _Task
 ) -> list[tuple[Evidence, "_Candidates"]]:
     """Candidates before the plate in a light, and their evidence with that light; none if impossible.
 
@@ -309,7 +355,7 @@ def _in_light(
         both = [found.best_evidence(one) for one in (observation, in_light)]
         if hypothesis_weights([both[0], with_light(both[1])])[1] < 0.5:
             return []
-    others = fit_before(lighting.on(found.plate), rest)
+    others = task.candidates(lighting.on(found.plate), rest)
     other = others.as_fitted
     if not lighting.is_possible(other.best.alpha):
         return []
@@ -342,49 +388,6 @@ def _streak_within(streak: Streak, image: LinearImage, plate: LinearImage) -> St
     """The strongest streak before this plate that overlaps a streak."""
     parts = [part for part in find_streaks(image, plate) if (part.mask & streak.mask).any()]
     return parts[0] if parts else None
-
-
-def _fit_before(
-    image: LinearImage,
-    plate: LinearImage,
-    streak: Streak,
-    search_in: Search,
-    start: Sweep | None,
-    hypotheses: Sequence[Hypothesis],
-    limit: TimeLimit,
-) -> "_Candidates":
-    """Candidates before one plate; of light alone, if the object hides nothing.
-
-    The object is solid unless the likeliest of these shapes is likelier if it lets light through.
-    """
-    search, one_paint, varied = _discs(search_in(streak, image, plate), start)
-    fits = Fits(search, image, plate, streak, tuple(one_paint), tuple(varied))
-    if _is_known_solid(search.observation):
-        return _Candidates.of(fits, hypotheses, limit)
-    state = best_of([kind[0] for kind in (one_paint, varied) if kind])
-    seen_through = _seen_through(state, search.bounds)
-    if _is_alone_explaining(seen_through, state):
-        state = seen_through
-    elif not (may_be_there_in_part(state) or _is_plain_source(state)):
-        solid = _Candidates.of(fits, hypotheses, limit)
-        opacity = _opacity_of(solid.likeliest.state)
-        thin = _likelier_thin(solid, state, seen_through, opacity)
-        if thin is None:
-            spread = float(np.hypot(opacity.std, 1 - opacity.value))
-            return solid.with_opacity_errors(spread, opacity.even_std)
-        state = thin
-    hides = _opacity_of(_seen_through(state, search.bounds))
-    if hides.value > 0:
-        one_paint, varied = (
-            [_seen_through(one, search.bounds) for one in kind] for kind in (one_paint, varied)
-        )
-        fits = replace(fits, one_paint=tuple(one_paint), varied=tuple(varied))
-        return _Candidates.of(fits, hypotheses, limit, _with_opacity)
-    added = _of_light(search_in, fits, hypotheses, limit, hides.std)
-    if added.as_fitted.best.rejection != NEGATIVE_LIGHT:
-        return added
-    # A source of light takes none: the color is wrong, and says nothing about the opacity.
-    return _Candidates.of(fits, hypotheses, limit)
 
 
 def _likelier_thin(
@@ -426,20 +429,6 @@ def _is_alone_explaining(thin: State, disc: State) -> bool:
     return best_of([disc, thin]) is thin and is_explained_by(thin)
 
 
-def _of_light(
-    search_in: Search, fits: Fits, hypotheses: Sequence[Hypothesis], limit: TimeLimit, std: float
-) -> "_Candidates":
-    """Candidates for the light that was added by an object of the opacity 0 ± std."""
-    streak, plate = fits.streak, fits.plate
-    light, dark = _light_alone(fits.image, plate)
-    search = search_in(streak, light, dark)
-    search = search.with_observations(lambda one: replace(one, light_alone=True))
-    search = replace(search, bounds=(min(_MIN_SOURCE_PX, search.bounds[0]), search.bounds[1]))
-    search, one_paint, varied = _discs(search, None)
-    fits = Fits(search, light, dark, streak, tuple(one_paint), tuple(varied))
-    return replace(_Candidates.of(fits, hypotheses, limit), added_before=(plate, std))
-
-
 def _light_alone(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
     """The light that was added to a plate, and a black plate."""
     meta = replace(
@@ -471,7 +460,7 @@ class _Candidates:
         fits: Fits,
         hypotheses: Sequence[Hypothesis],
         limit: TimeLimit,
-        completed: Callable[[Candidate], Candidate] = lambda candidate: candidate,
+        completed: Callable[[Candidate], Candidate] | None = None,
     ) -> "_Candidates":
         """All fits from discs, each completed."""
         untried: tuple[str, ...] = ()
@@ -483,7 +472,9 @@ class _Candidates:
                 continue
             _LOG.info("fitting %s", hypothesis.in_words)
             fits = fits.with_fits_of(hypothesis)
-        candidates = [completed(one) for one in fits.candidates]
+        candidates = list(fits.candidates)
+        if completed is not None:
+            candidates = [completed(one) for one in candidates]
         evidence = [_evidence(fits.search.observation, one) for one in candidates]
         return cls(fits, candidates, evidence, untried)
 

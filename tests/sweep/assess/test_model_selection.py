@@ -24,6 +24,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_scores,
     hypothesis_weights,
     in_observation,
+    is_decisively_likelier,
     leaves_only_noise,
     odds_terms,
     unseen_loss,
@@ -127,6 +128,21 @@ def test_evidence_counts_in_full_where_no_misfit_is_seen():
     rough = [replace(one, inflation=1.5) for one in pair]
     assert not leaves_only_noise(rough)
     assert abs(hypothesis_probabilities(rough)[0] - hypothesis_weights(rough)[0]) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("misfit", "difference", "is_decisive"),
+    [(0.0, 4.9, False), (0.0, 5.1, True), (2.0, 59.0, False), (2.0, 61.0, True)],
+)
+def test_one_hypothesis_is_decisively_likelier_beyond_the_scale_of_its_misfit(
+    misfit, difference, is_decisive
+):
+    """exact: 5 nats, or 30 for each unit of its variance inflation above 1."""
+    inflation = 1 + misfit
+    one = Evidence(100.0, inflation, 5, 4000)
+    other = replace(one, cost=one.cost + difference * inflation)
+    assert is_decisively_likelier(one, other) is is_decisive
+    assert not is_decisively_likelier(other, one)
 
 
 def test_unseen_pixels_do_not_count_if_a_loss_is_unknown():

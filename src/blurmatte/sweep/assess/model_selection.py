@@ -33,7 +33,7 @@ import numpy as np
 from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import VARIANCE_FLOOR
-from blurmatte.statistics import CORRELATED_PX, mean_of_blocks
+from blurmatte.statistics import CORRELATED_PX, DECISIVE_LOG_BAYES_FACTOR, mean_of_blocks
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
 from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
@@ -196,6 +196,16 @@ def odds_terms(evidence: list[Evidence]) -> list[OddsTerms]:
 def leaves_only_noise(evidence: list[Evidence]) -> bool:
     """Whether the likeliest hypothesis leaves no misfit: then no calibrated odds are needed."""
     return _misfit(evidence) <= _MIN_MISFIT
+
+
+def is_decisively_likelier(one: Evidence, other: Evidence) -> bool:
+    """Whether misfits that both may have do not explain why one is likelier than another.
+
+    The scores must differ by more than the scale s₀ on which odds fall, and decisively without misfit.
+    """
+    pair = [one, other]
+    least = max(DECISIVE_LOG_BAYES_FACTOR, _ODDS_SCALE * _misfit(pair))
+    return bool(np.diff(hypothesis_scores(pair)).item() > least)
 
 
 def _misfit(evidence: list[Evidence]) -> float:
