@@ -1,5 +1,7 @@
 """motion_of_added_light, and tracks of lamps before a dark sky."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -45,6 +47,40 @@ def test_place_length_and_direction_of_a_lamp_are_within_their_errors():
     z = np.array(z)
     np.testing.assert_allclose(np.sqrt(np.mean(z**2, axis=0)), 1, atol=0.3)
     assert np.abs(z).max() < 4
+
+
+def test_errors_of_clipped_lamps_cover_the_light_that_is_cut_off():
+    # honest: the peaks are above the sensor's white, and unknown
+    rng = np.random.default_rng(4)
+    sky, streak, off, claimed = np.full((*SIZE[::-1], 3), 0.003), np.ones(SIZE[::-1], bool), [], []
+    streak[:15], streak[-15:] = False, False
+    for _ in range(20):
+        middle, angle = np.array([60, 35]) + rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3)
+        image, plate = noisy(sky + lamp(middle, angle, 300.0), rng), noisy(sky, rng)
+        clipped = (image.rgb >= 1).any(axis=-1)
+        assert clipped.sum() > 50
+        image = replace(image, rgb=np.minimum(image.rgb, 1), valid=~clipped)
+        motion = motion_of_added_light(image, plate, streak, COLOR)
+        off.append(motion.values[:4] - [*middle, angle, LENGTH])
+        claimed.append(np.sqrt(np.diag(motion.covariance))[:4])
+    z = np.array(off) / claimed
+    assert np.abs(z).max() < 3
+
+
+def test_errors_of_a_lamp_before_an_uneven_plate_cover_it():
+    # honest: the plate's light is missing where the object hides it
+    rng = np.random.default_rng(5)
+    streak, z = np.ones(SIZE[::-1], bool), []
+    streak[:15], streak[-15:] = False, False
+    for _ in range(20):
+        middle, angle = np.array([60, 35]) + rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3)
+        cells = rng.uniform(0, 0.2, (9, 15, 1)).repeat(8, 0).repeat(8, 1)[: SIZE[1], : SIZE[0]]
+        sky = cells * [0.6, 0.7, 0.38]
+        alpha = lamp(middle, angle, 80.0) @ COLOR
+        light = sky * (1 - alpha[..., None]) + 0.5 * alpha[..., None] * COLOR
+        motion = motion_of_added_light(noisy(light, rng), noisy(sky, rng), streak, COLOR)
+        z.append((motion.values[:2] - middle) / motion.center_std)
+    assert np.abs(z).max() < 3
 
 
 def test_light_that_is_not_above_its_error_has_no_motion():

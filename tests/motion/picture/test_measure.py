@@ -435,6 +435,25 @@ def test_error_is_infinite_where_alpha_is_unknown():
     assert "EndSilhouettes(110x60, ± " in repr(ends)
 
 
+@pytest.mark.parametrize("side", ["left", "above", "middle"])
+def test_errors_of_moments_cover_alpha_that_is_unknown(side):
+    """Honest: a part of the streak is hidden; with its alpha 0 the place is many errors off."""
+    alpha, _, _ = streak()
+    solution, (y, x) = around(alpha, 1e-3), np.indices(SHAPE)
+    middle = START + SHIFT / 2
+    hidden = {
+        "left": x < middle[0] - 20,
+        "above": y < middle[1] - 4,
+        "middle": np.abs(x - middle[0]) < 6,
+    }[side]
+    known = measure_motion(solution)
+    unknown = np.where(hidden, np.inf, solution.alpha_std)
+    motion = measure_motion(replace(solution, alpha_std=unknown))
+    assert np.abs((motion.center - known.center) / motion.center_std).max() < 2
+    assert abs(motion.length - known.length) < 2 * motion.length_std
+    assert any("alpha is unknown" in doubt for doubt in motion.doubts)
+
+
 def test_object_at_rest_is_rejected():
     """Door."""
     y, x = np.indices(SHAPE).astype(float)

@@ -281,8 +281,9 @@ def _motion_of_pixels(part: Part, streak: Streak, model: ColorModel) -> tuple[Mo
             matching=Matching.NONE,
         )
     known = np.mean(solution.known[solution.streak])
-    if model.rank == 1 and known < _MIN_KNOWN_FRACTION:
-        motion = motion_of_added_light(image, plate, solution.streak, model.basis[:, 0])
+    color = model.basis[:, 0] if model.rank == 1 else model.mean
+    if color is not None and known < _MIN_KNOWN_FRACTION:
+        motion = motion_of_added_light(image, plate, solution.streak, color / np.linalg.norm(color))
     else:
         motion = motion_of_alpha(solution)
     doubts = motion.doubts + tuple(str(warning.message) for warning in caught)

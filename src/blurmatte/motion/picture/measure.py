@@ -49,6 +49,7 @@ _OTHER = (
 # When alpha counts as present, and when a motion from moments gets a doubt.
 _MIN_SUM_STD = 3.0  # standard deviations: a smaller sum of alpha may be noise
 _MAX_WIDTH = 1.5  # diameters of the disc of its area: a straight path is not wider
+_UNKNOWN_ALPHA = float(np.sqrt(1 / 3))  # root mean square of a fraction of which nothing is known
 _MAX_UNKNOWN_FRACTION = 0.02  # of the streak's pixels
 _PART_SMOOTHING_PX = 2.0  # standard deviation of the Gaussian before parts are labeled
 _MIN_PART_ALPHA = 0.15  # of the largest smoothed alpha
@@ -194,13 +195,14 @@ def motion_of_alpha(solution: Solution) -> Motion:
     Raises MotionError if the sum of alpha is not above its error.
     """
     use = solution.streak & solution.known
-    alpha = np.asarray(solution.alpha[use], float)
-    variance = variance_inflation(solution) * np.asarray(solution.alpha_std[use], float) ** 2
+    alpha = np.asarray(solution.alpha, float)
+    variance = variance_inflation(solution) * np.asarray(solution.alpha_std, float) ** 2
     scale = solution.stats.alpha_scale_std or 0.0
-    moments = _moments(use, alpha, variance, "alpha sums to {} pixels", scale)
+    weights = _Weights.of(alpha, variance, solution.streak, solution.known)
+    moments = _moments(weights, "alpha sums to {} pixels", scale)
     motion = replace(
         _straight_motion(*moments, solution.size),
-        at_border=_reaches_border(use, alpha, variance),
+        at_border=_reaches_border(use, alpha[use], variance[use]),
         exposure_time=solution.stats.exposure_time,
         readout=solution.stats.readout,
     )
@@ -213,8 +215,9 @@ def motion_of_added_light(
     """Motion from sum, mean and covariance of the light that an object adds to the plate.
 
     For an object whose alpha nothing determines, such as a lamp before a dark sky. The added light
-    α (k − B) is a multiple of alpha where light k and plate B are even. Its factor is open, so that the
-    radius is that of a disc as wide as the streak is across.
+    α (k − B) is a multiple of alpha where light k and plate B are even. Where B is not, its differences
+    from the mean enter the error, with an alpha of which nothing is known. The factor is open, so that
+    the radius is that of a disc as wide as the streak is across. Clipped light is unknown.
 
     Parameters
     ----------
@@ -229,14 +232,18 @@ def motion_of_added_light(
     MotionError
         If the sum of the light is not above its error.
     """
-    use = streak & image.valid & plate.valid
-    added = (image.rgb[use].astype(float) - plate.rgb[use]) @ color
-    variance = (image.variance[use].astype(float) + plate.variance[use]) @ color**2
-    moments, covariance = _moments(use, added, variance, "the added light sums to {}")
+    known = image.valid & plate.valid
+    use = streak & known
+    added = (image.rgb.astype(float) - plate.rgb) @ color
+    variance = (image.variance.astype(float) + plate.variance) @ color**2
+    behind = plate.rgb @ color
+    uneven = _UNKNOWN_ALPHA * (behind - behind[use].mean()) if use.any() else behind
+    weights = _Weights.of(added, variance, streak, known, uneven)
+    moments, covariance = _moments(weights, "the added light sums to {}")
     values, covariance = propagated(_with_area_of_width, moments, covariance)
     return replace(
         _straight_motion(values, covariance, image.size),
-        at_border=_reaches_border(use, added, variance),
+        at_border=_reaches_border(use, added[use], variance[use]),
         exposure_time=image.meta.exposure_time,
         readout=image.meta.readout,
         doubts=(
@@ -273,16 +280,55 @@ def variance_inflation(solution: Solution) -> float:
     return max(float(correlated / independent), 1.0) if independent > 0 else 1.0
 
 
-def _moments(
-    use: Bools, weight: Array, variance: Array, sums_to: str, scale: float = 0.0
-) -> tuple[Array, Array]:
-    """(6,) sum, mean x and y, variances xx, xy, yy of weights (n,) in pixels; their covariance.
+@dataclass(frozen=True, eq=False)
+class _Weights:
+    """Weights of the n pixels of a streak.
 
-    variance (n,): of the weights; they share a factor of the relative standard deviation `scale`.
+    An unknown one is that of the nearest known pixel. In each quarter of the streak those err in
+    common, by as much as the known ones are large.
     """
-    y, x = np.nonzero(use)
+
+    at: Array  # (2, n) x and y
+    weight: Array  # (n,)
+    variance: Array  # (n,) of the known ones
+    # (m, n): independent errors, each of which several pixels have in common, in proportion to these
+    common: Array
+
+    @classmethod
+    def of(
+        cls, weight: Array, variance: Array, streak: Bools, known: Bools, *common: Array
+    ) -> "_Weights":
+        """Of maps (H, W). `common`: errors that the known pixels of a quarter have in common."""
+        y, x = np.nonzero(streak)
+        seen = (known & streak)[y, x]
+        if not seen.any():
+            return cls(np.stack([x, y]), np.zeros(len(x)), np.zeros(len(x)), np.ones((1, len(x))))
+        near = scipy.ndimage.distance_transform_edt(
+            ~(known & streak), return_distances=False, return_indices=True
+        )
+        weight = weight[near[0], near[1]][y, x]
+        # Pixels without the object do not change it.
+        square = weight[seen] ** 2
+        size = np.sqrt((square @ square) / max(square.sum(), 1e-30))
+        errors = [np.where(seen, 0, size), *(np.where(seen, one[y, x], 0) for one in common)]
+        quarter = 2 * (y > y.mean()) + (x > x.mean())
+        quarters = np.arange(4)[:, None] == quarter
+        return cls(
+            np.stack([x, y]),
+            weight,
+            np.where(seen, variance[y, x], 0),
+            np.concatenate([quarters * one for one in errors]),
+        )
+
+
+def _moments(weights: _Weights, sums_to: str, scale: float = 0.0) -> tuple[Array, Array]:
+    """(6,) sum, mean x and y, variances xx, xy, yy of weights in pixels; their covariance.
+
+    The weights share a factor of the relative standard deviation `scale`.
+    """
+    (x, y), weight = weights.at, weights.weight
     total = float(weight.sum())
-    std = float(np.hypot(np.sqrt(variance.sum()), total * scale))
+    std = float(np.hypot(np.sqrt(weights.variance.sum()), total * scale))
     if not total > _MIN_SUM_STD * std:
         raise MotionError(
             f"{sums_to.format(f'{total:.1f} ± {std:.1f}')}, which is not above its error: no motion "
@@ -294,7 +340,8 @@ def _moments(
     moments = seconds @ weight / total
     by_weight = np.stack([np.ones(len(x)), dx / total, dy / total])
     by_weight = np.concatenate([by_weight, (seconds - moments[:, None]) / total])
-    covariance = (by_weight * variance) @ by_weight.T
+    in_common = by_weight @ weights.common.T
+    covariance = (by_weight * weights.variance) @ by_weight.T + in_common @ in_common.T
     covariance[0, 0] += (total * scale) ** 2
     pixel = UNIFORM_VARIANCE * np.array([1, 0, 1])
     return np.array([total, *middle, *(moments - pixel)]), covariance
@@ -346,7 +393,10 @@ def _doubts_of_moments(solution: Solution, use: Bools, motion: Motion) -> list[s
         )
     unknown = float(np.mean(~solution.known[solution.streak]))
     if unknown > _MAX_UNKNOWN_FRACTION:
-        doubts.append(f"In {unknown:.0%} of the streak alpha is unknown and not in the moments.")
+        doubts.append(
+            f"In {unknown:.0%} of the streak alpha is unknown: there it is that of the nearest pixels, "
+            "with an error as large as alpha elsewhere."
+        )
     return doubts
 
 
