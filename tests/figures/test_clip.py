@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 from tests.motion.clip.sightings import sighted
 
-from blurmatte.figures import ClipPhysics, draw_clip
+from blurmatte.figures import ClipPhysics, draw_clip, style
 from blurmatte.figures.clip import Matte, charts_of
-from blurmatte.figures.drawing import Palette
 from blurmatte.figures.sheet import Canvas
 from blurmatte.layer import Layer
 from blurmatte.motion import BallPlace, FrameMotion
@@ -42,7 +41,7 @@ def test_objects_have_different_colors(count):
     rows = [row(k, n + 1, 25.0 + 40 * n) for k in range(5) for n in range(count)]
     sheet = draw_clip(PLATE, rows)
     assert sheet.shape[1] == 1800
-    alone, several = (Palette.other, Palette.streak), (BLUE, ORANGE)
+    alone, several = (style.OTHER, style.STREAK), (BLUE, ORANGE)
     assert all(len(rows_with(sheet, c)) > 0 for c in (several if count == 2 else alone))
     assert all(len(rows_with(sheet, c)) == 0 for c in (alone if count == 2 else several))
     if count == 2:
@@ -53,9 +52,9 @@ def test_sheet_has_one_ground_a_name_and_a_legend(sheet):
     """Exact: charts are not white, the name is in the title alone, below the picture is a legend."""
     named = draw_clip(PLATE, [row(k, 1, 45.0) for k in range(5)], name="rally.mp4")
     assert not (sheet == 255).all(axis=-1).any()
-    assert (sheet == Palette.ground).all(axis=-1)[1405:].mean() > 0.8
+    assert (sheet == style.GROUND).all(axis=-1)[1405:].mean() > 0.8
     assert np.flatnonzero((sheet != named).any(axis=(1, 2))).max() < 80
-    swatches = [(sheet[1405:1460] == c).all(axis=-1).sum() for c in (Palette.other, Palette.streak)]
+    swatches = [(sheet[1405:1460] == c).all(axis=-1).sum() for c in (style.OTHER, style.STREAK)]
     assert swatches == [14**2, 14**2]
 
 
@@ -63,12 +62,12 @@ def test_doubted_frames_are_dashed(sheet):
     """Exact: doubtful frames have neither bright lines nor crosses."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
     sheets = [sheet, draw_clip(PLATE, doubted)]
-    bright = [np.sum((one[100:1300] == Palette.bright).all(axis=-1)) for one in sheets]
-    crosses = [len(rows_with(one, Palette.streak)) for one in sheets]
+    bright = [np.sum((one[100:1300] == style.BRIGHT).all(axis=-1)) for one in sheets]
+    crosses = [len(rows_with(one, style.STREAK)) for one in sheets]
     assert bright[0] > 300 > bright[1] == 0
     assert crosses[0] > crosses[1] == 0
     one = draw_clip(PLATE, [*sure[:2], doubted[2], *sure[3:]])
-    assert len(rows_with(one, Palette.other)) > 0
+    assert len(rows_with(one, style.OTHER)) > 0
 
 
 def test_clip_without_detections_is_drawn():
@@ -110,7 +109,7 @@ def test_scale_bar_has_its_length():
     """Exact: at 0.02 m per pixel a bar of 0.5 m is 25 px of the plate long."""
     rows = [row(k, 1, 20.0) for k in range(5)]
     plain, scaled = (draw_clip(PLATE, rows, (), ClipPhysics(s)) for s in ({}, {1: Scale(0.02)}))
-    bar = (scaled == Palette.bright).all(axis=-1) & ~(plain == Palette.bright).all(axis=-1)
+    bar = (scaled == style.BRIGHT).all(axis=-1) & ~(plain == style.BRIGHT).all(axis=-1)
     per_pixel = (1800 - 2 * 40) / PLATE.size[0]
     assert bar[900:1400].sum(axis=1).max() == pytest.approx(25 * per_pixel, abs=2)
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from tests.scenes import RED, solution_of
 
-from blurmatte.figures import draw_motion
-from blurmatte.figures.drawing import Palette
+from blurmatte.figures import draw_motion, style
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import Sweep
@@ -33,7 +32,7 @@ def test_path_and_outlines_cover_the_streak(sweep):
     sheet = draw_motion(image, solution, motion)
     assert sheet.dtype == np.uint8
     assert sheet.shape[1] == 1800
-    y, x = np.nonzero((sheet == Palette.bright).all(axis=-1)[130:830])  # between title and words
+    y, x = np.nonzero((sheet == style.BRIGHT).all(axis=-1)[130:830])  # between title and words
     assert np.ptp(x) / np.ptp(y) == pytest.approx((50 + 12) / (10 + 12), rel=0.03)
 
 

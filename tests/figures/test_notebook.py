@@ -12,8 +12,7 @@ from PIL import Image
 
 import blurmatte as bm
 from blurmatte.clips.table import FrameRecord
-from blurmatte.figures import draw_look, draw_sharp
-from blurmatte.figures.drawing import Palette
+from blurmatte.figures import draw_look, draw_sharp, style
 from blurmatte.figures.motion import draw_path
 from blurmatte.motion.columns import Rows
 from blurmatte.motion.picture.measure import motion_of_sweep
@@ -56,7 +55,7 @@ def test_motions_are_shown_without_their_picture():
     motion = motion_of_sweep(moved()[2], None)
     drawn = draw_look(motion)
     assert np.array_equal(drawn, draw_path(motion))
-    assert (drawn == np.array(Palette.streak)).all(axis=-1).any()
+    assert (drawn == np.array(style.STREAK)).all(axis=-1).any()
     assert len(motion._repr_png_()) <= 300_000
 
 

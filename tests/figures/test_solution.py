@@ -5,8 +5,7 @@ import pytest
 from tests.scenes import noisy, rendered
 
 from blurmatte.color.model import ColorModel
-from blurmatte.figures import draw_overview
-from blurmatte.figures.drawing import Palette
+from blurmatte.figures import draw_overview, style
 from blurmatte.figures.solution import _layout, _surroundings
 from blurmatte.matting import Pixelwise, Quality, solve
 from blurmatte.matting.maps import Grade
@@ -97,7 +96,7 @@ def test_crop_at_the_border_is_extended_on_the_other_side():
 def test_warnings_are_highlighted():
     image, plate, good = solved((120, 90), (30, 40), (80, 50))
     bad = replace(good, alpha=good.alpha * 5)
-    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == Palette.warning).all(-1))
+    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == style.WARNING).all(-1))
               for s in (good, bad)]  # fmt: skip
     assert orange[0] == 0
     assert orange[1] > 100
@@ -105,7 +104,7 @@ def test_warnings_are_highlighted():
 
 @pytest.mark.parametrize(
     ("grade", "bar"),
-    [(Grade.CONFIRMED, None), (Grade.PLAUSIBLE, Palette.streak), (Grade.ASSUMED, Palette.warning)],
+    [(Grade.CONFIRMED, None), (Grade.PLAUSIBLE, style.STREAK), (Grade.ASSUMED, style.WARNING)],
 )
 def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
@@ -115,7 +114,7 @@ def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
     sheet = draw_overview(image, plate, replace(solution, stats=stats))
     (place,) = [box for words, box in written if words.startswith(f"{grade}: ")]
     left, top = int(place[0]) - 5, int(place[1])
-    for color in (Palette.streak, Palette.warning):
+    for color in (style.STREAK, style.WARNING):
         assert (tuple(sheet[top, left]) == color) == (color == bar)
     assert sum("alpha" in words and "0.034" in words for words, _ in written) == 1
 
@@ -197,9 +196,7 @@ def test_path_is_drawn_only_of_the_likeliest_hypothesis():
     stats = replace(solution.stats, sweep=sweep, weights=(0.2, 0.8))
     own = Alternative("no shape, one paint", (1.0, 0.0, 0.0), "#ff0000", 0.8, 1.0, 0.0, None)
     bright = [
-        np.count_nonzero(
-            (draw_overview(image, plate, s)[700:900, 40:1000] == Palette.bright).all(-1)
-        )
+        np.count_nonzero((draw_overview(image, plate, s)[700:900, 40:1000] == style.BRIGHT).all(-1))
         for s in (
             replace(solution, solver="Swept()", stats=stats),
             replace(solution, solver="Smooth()", stats=replace(stats, alternatives=(own,))),

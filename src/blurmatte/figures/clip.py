@@ -12,9 +12,9 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools, Codes8
 from blurmatte.errors import BlurmatteError
+from blurmatte.figures import style
 from blurmatte.figures.drawing import (
     Color,
-    Palette,
     color_of_hex,
     draw_line,
     ellipse_enlargement,
@@ -26,7 +26,7 @@ from blurmatte.figures.drawing import (
     sheet_style,
     srgb_codes,
 )
-from blurmatte.figures.sheet import Canvas, Layout, Page, Panel
+from blurmatte.figures.sheet import Canvas, Layout, Panel
 from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, by_object
 from blurmatte.motion.clip.fall import FreeFall
@@ -35,7 +35,7 @@ from blurmatte.motion.clip.summary import ObjectSummary
 from blurmatte.motion.picture.motion import Motion, Scale
 from blurmatte.radiometry import LinearImage
 
-MAX_PICTURE_HEIGHT = 1300  # pixels of the sheet
+MAX_PATHS_HEIGHT = 1300  # pixels of the sheet
 MATTES_HEIGHT = 900  # pixels of the sheet, of frames and their alpha together
 
 # Ten colors that are distinct on dark and on white, those of matplotlib and Tableau.
@@ -201,10 +201,10 @@ def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
 def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[Color, str]]:
     """What the colors of the paths mean."""
     crosses = f"standard deviations of the centers, {enlarged:g} times enlarged"
-    within = (Palette.bright, "path within an exposure")
+    within = (style.BRIGHT, "path within an exposure")
     if len(objects) < 2:
-        between = (Palette.other, "path between frames")
-        return [within, between, (Palette.streak, f"crosses: {crosses}")]
+        between = (style.OTHER, "path between frames")
+        return [within, between, (style.STREAK, f"crosses: {crosses}")]
     first, *others = ((_color(number), f"object {number}") for number in objects)
     return [within, (first[0], f"{first[1]}: path between frames; crosses: {crosses}"), *others]
 
@@ -215,13 +215,13 @@ def _paths(
     """The plate with the paths of all objects, and the factor that enlarges the crosses."""
     from PIL import ImageDraw
 
-    picture, scale = fitted(plate.in_srgb(), (Page.width - 2 * Page.margin, MAX_PICTURE_HEIGHT))
+    picture, scale = fitted(plate.in_srgb(), (style.CONTENT_WIDTH, MAX_PATHS_HEIGHT))
     pen = ImageDraw.Draw(picture)
     sights = [row.sighting for row in found if row.sighting is not None and not _doubted(row)]
     enlarged = _enlarged(sights, scale)
     objects = by_object(found)
     if len(objects) == 1:
-        _draw_path(pen, found, scale, Palette.other, Palette.streak, enlarged)
+        _draw_path(pen, found, scale, style.OTHER, style.STREAK, enlarged)
     else:
         for number, path in objects.items():
             _draw_path(pen, path, scale, _color(number), _color(number), enlarged)
@@ -239,10 +239,10 @@ def _draw_scale_bar(pen: Any, size: tuple[int, int], per_meter: float) -> None:
     lengths = [m * 10.0**k for k in range(-6, 5) for m in (1, 2, 5)]
     length = max((one for one in lengths if one * per_meter <= size[0] / 4), default=lengths[0])
     x, y, width = 24, size[1] - 24, length * per_meter
-    font = ImageFont.load_default(Page.body_size)
-    pen.rectangle((x - 8, y - 34, x + max(width, 80) + 8, y + 10), Palette.ground)
-    pen.line([(x, y), (x + width, y)], Palette.bright, 3)
-    pen.text((x, y - 28), f"{length:g} m", Palette.bright, font)
+    font = ImageFont.load_default(style.BODY_SIZE)
+    pen.rectangle((x - 8, y - 34, x + max(width, 80) + 8, y + 10), style.GROUND)
+    pen.line([(x, y), (x + width, y)], style.BRIGHT, 3)
+    pen.text((x, y - 28), f"{length:g} m", style.BRIGHT, font)
 
 
 def _doubted(row: FrameMotion) -> bool:
@@ -281,7 +281,7 @@ def _draw_path(
         if s.doubts:
             _draw_dashes(pen, ends, scale, between)
             continue
-        draw_line(pen, ends, scale, Palette.bright)
+        draw_line(pen, ends, scale, style.BRIGHT)
         for axis in enlarged * principal_axes(s.center_covariance):
             draw_line(pen, [s.center - axis, s.center + axis], scale, crosses)
 
@@ -301,9 +301,9 @@ def _number(pen: Any, number: int, path: Sequence[FrameMotion], scale: float) ->
     first = path[0].sighting
     assert first is not None
     x, y = scale * (first.motion.center - (0, 1.5 * first.motion.radius))
-    font = ImageFont.load_default(Page.title_size)
+    font = ImageFont.load_default(style.TITLE_SIZE)
     box = pen.textbbox((x, y), str(number), font, anchor="mb")
-    pen.rectangle((box[0] - 5, box[1] - 4, box[2] + 5, box[3] + 4), fill=Palette.ground)
+    pen.rectangle((box[0] - 5, box[1] - 4, box[2] + 5, box[3] + 4), fill=style.GROUND)
     pen.text((x, y), str(number), _color(number), font, anchor="mb")
 
 
@@ -433,14 +433,14 @@ def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Char
 
 def _with_charts(picture: Codes8, charts: _Charts) -> list[Codes8]:
     """The picture and below it the charts, or one page with the charts right of a narrow picture."""
-    room = Page.width - 2 * Page.margin
-    rest = room - picture.shape[1] - Page.gap
+    room = style.CONTENT_WIDTH
+    rest = room - picture.shape[1] - style.GAP
     if rest < room / 3:
         columns = 2 if len(charts.charts) == 4 else 3
         lines = -(-len(charts.charts) // columns)
         return [picture, _drawn(charts, (room, 300 * lines), columns)]
     height = max(picture.shape[0], 220 * len(charts.charts))
-    page = np.full((height, room, 3), Palette.ground, np.uint8)
+    page = np.full((height, room, 3), style.GROUND, np.uint8)
     page[: picture.shape[0], : picture.shape[1]] = picture
     page[:, -rest:] = _drawn(charts, (rest, height), 1)
     return [page]

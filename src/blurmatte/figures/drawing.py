@@ -1,31 +1,15 @@
-"""Colors of sheets; pictures, maps, lines, ellipses and figures of matplotlib as pixels."""
+"""Colors of light; pictures, maps, lines, ellipses and figures of matplotlib as pixels."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from blurmatte.checks import AnyArray, Array, Codes8, Floats
 from blurmatte.errors import optional_library
+from blurmatte.figures import style
 from blurmatte.radiometry import SRGB, LinearImage
 
 Color = tuple[int, int, int]
-
-
-@dataclass(frozen=True)
-class Palette:
-    """sRGB codes of what is drawn on sheets; read as class attributes."""
-
-    ground: Color = (24, 25, 28)
-    bright: Color = (236, 236, 232)  # text, paths
-    dim: Color = (160, 162, 166)  # secondary text
-    neutral: Color = (72, 73, 76)  # where a color is unknown
-    warning: Color = (255, 150, 90)
-    unknown: Color = (236, 64, 190)
-    streak: Color = (255, 196, 60)  # its box, and error ellipses
-    other: Color = (120, 190, 255)  # other boxes, and the path between frames
-    heat: Sequence[Color] = ((18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120))
 
 
 def srgb_codes(light: AnyArray) -> Codes8:
@@ -46,9 +30,9 @@ def swatch(color: str, shape: tuple[int, int]) -> Codes8:
 
 def heat_codes(values: Floats) -> Codes8:
     """(H, W, 3) colors of the heat scale for values 0…1 (H, W)."""
-    stops = np.arange(len(Palette.heat))
+    stops = np.arange(len(style.HEAT))
     position = values * stops[-1]
-    heat = np.array(Palette.heat, float)
+    heat = np.array(style.HEAT, float)
     return np.stack([np.interp(position, stops, c) for c in heat.T], axis=-1).astype(np.uint8)
 
 
@@ -96,7 +80,7 @@ def fitted(image: LinearImage, room: tuple[int, int], max_scale: float = 24) -> 
     return Image.fromarray(srgb_codes(np.stack(bands, axis=-1))), scale
 
 
-def draw_line(pen: Any, xy: Any, scale: float, color: Color = Palette.bright) -> None:
+def draw_line(pen: Any, xy: Any, scale: float, color: Color = style.BRIGHT) -> None:
     """Draw a polyline through points (x, y) of a picture that is enlarged `scale` times."""
     points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in xy]
     pen.line(points, fill=color, width=2, joint="curve")
@@ -148,16 +132,16 @@ def sheet_style(figure: Any) -> Any:
 
     ground, text, line = (
         "#{:02x}{:02x}{:02x}".format(*color)
-        for color in (Palette.ground, Palette.bright, Palette.neutral)
+        for color in (style.GROUND, style.BRIGHT, style.NEUTRAL)
     )
     figure.set_facecolor(ground)
-    style: Any = (
+    settings: Any = (
         {"axes.facecolor": ground}
         | dict.fromkeys(("text.color", "axes.labelcolor"), text)
         | dict.fromkeys(("xtick.color", "ytick.color", "axes.edgecolor", "grid.color"), line)
         | dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), text)
     )
-    return rc_context(style)
+    return rc_context(settings)
 
 
 def figure_pixels(figure: Any) -> Codes8:

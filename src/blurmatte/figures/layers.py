@@ -10,9 +10,10 @@ from blurmatte.background import PlateFit
 from blurmatte.checks import Box, Codes8, check_kind, check_same_size, grown, rows_columns
 from blurmatte.compositing import Exposures
 from blurmatte.deblurring.sharp import Sharp
+from blurmatte.figures import style
 from blurmatte.figures.drawing import fitted, round_up, srgb_codes
 from blurmatte.figures.motion import draw_path, draw_sharp
-from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, column_width, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Panel, column_width, size_text
 from blurmatte.figures.solution import draw_plate
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution
@@ -73,7 +74,7 @@ def draw_edit(
         for row, (name, picture) in zip(panels, strip, strict=True):
             check_same_size(name, picture.size, "the layer", layer.size)
             row.insert(0, Panel(srgb_codes(picture.crop(box).rgb), name))
-        room = column_width(len(strip)), Page.picture_height
+        room = column_width(len(strip)), style.MAX_PICTURE_HEIGHT
         whole = [Panel(np.asarray(fitted(picture, room)[0]), name) for name, picture in strip]
         sheet.row(whole, "the picture")
     rows = [panel for row in panels for panel in row]

@@ -7,8 +7,8 @@ import numpy as np
 from blurmatte.checks import Array, Box, Codes8, check_kind, check_same_size, rows_columns
 from blurmatte.deblurring.sharp import Sharp
 from blurmatte.explain.explain import explain
+from blurmatte.figures import style
 from blurmatte.figures.drawing import (
-    Palette,
     draw_line,
     ellipse_enlargement,
     error_ellipse,
@@ -18,7 +18,7 @@ from blurmatte.figures.drawing import (
     srgb_codes,
     unit_circle,
 )
-from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Panel, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.motion import Motion
@@ -67,7 +67,7 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes
 def draw_path(motion: Motion) -> Codes8:
     """Draw a motion as `draw_motion` does, without its picture."""
     box = _around(motion)
-    ground = light_of_codes(np.array(Palette.neutral, np.uint8))
+    ground = light_of_codes(np.array(style.NEUTRAL, np.uint8))
     empty = np.broadcast_to(ground, (box[3] - box[1], box[2] - box[0], 3))
     return _drawn(LinearImage(np.array(empty)), box, motion, "")
 
@@ -76,7 +76,7 @@ def _drawn(part: LinearImage, box: Box, motion: Motion, source: str) -> Codes8:
     """The sheet of a motion over the part of a picture in a box."""
     from PIL import ImageDraw
 
-    picture, scale = fitted(part, (Page.width - 2 * Page.margin, Page.picture_height))
+    picture, scale = fitted(part, (style.CONTENT_WIDTH, style.MAX_PICTURE_HEIGHT))
     pen, corner = ImageDraw.Draw(picture), np.array(box[:2], float)
     draw_line(pen, motion.trajectory.xy - corner, scale)
     enlarged = _enlarged(motion, scale)
@@ -84,7 +84,7 @@ def _drawn(part: LinearImage, box: Box, motion: Motion, source: str) -> Codes8:
         draw_line(pen, _outline(motion, t) - corner, scale)
         place = motion.trajectory.at(t) - corner
         draw_line(
-            pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, Palette.streak
+            pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, style.STREAK
         )
     sheet = Canvas()
     sheet.title(source or "blurmatte", repr(motion))
@@ -174,7 +174,7 @@ def _layout(size: tuple[int, int], count: int, columns: Sequence[int] = ()) -> L
 
     columns: their numbers that may be chosen; if none are given, those that fill all rows.
     """
-    height = Page.width * 10 // 16 // 3
+    height = style.WIDTH * 10 // 16 // 3
     numbers = columns or [n for n in range(count, 0, -1) if count % n == 0]
     layouts = [Layout.best(size, count, n, height) for n in numbers]
     return max(layouts, key=lambda layout: layout.scale)

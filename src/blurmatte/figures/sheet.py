@@ -7,23 +7,10 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import Codes8, Floats
-from blurmatte.figures.drawing import Color, Palette, checkerboard, heat_codes, rescaled, srgb_codes
+from blurmatte.figures import style
+from blurmatte.figures.drawing import Color, checkerboard, heat_codes, rescaled, srgb_codes
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-
-
-@dataclass(frozen=True)
-class Page:
-    """Lengths on a sheet, in its pixels; read as class attributes."""
-
-    width: int = 1800
-    margin: int = 40
-    gap: int = 28  # between columns and rows
-    picture_height: int = 720  # largest height of a whole picture
-    grid_height: int = 1320  # largest height of all panels of a grid
-    title_size: int = 21  # of letters
-    body_size: int = 17
-    line_height: int = 24  # of body text
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +60,7 @@ class Layout:
         size: tuple[int, int],
         count: int,
         columns: int | None = None,
-        grid_height: int = Page.grid_height,
+        grid_height: int = style.MAX_GRID_HEIGHT,
     ) -> "Layout":
         """The layout that shows `count` panels of `size` (width, height) largest.
 
@@ -102,7 +89,7 @@ class Layout:
 
 def column_width(columns: int) -> int:
     """Width of each of several columns, pixels."""
-    return (Page.width - 2 * Page.margin - (columns - 1) * Page.gap) // columns
+    return (style.CONTENT_WIDTH - (columns - 1) * style.GAP) // columns
 
 
 def size_text(size: tuple[int, int]) -> str:
@@ -116,41 +103,43 @@ class Canvas:
     def __init__(self) -> None:
         from PIL import Image, ImageDraw
 
-        self._picture = Image.new("RGB", (Page.width, 6000), Palette.ground)
+        self._picture = Image.new("RGB", (style.WIDTH, 6000), style.GROUND)
         self._pen = ImageDraw.Draw(self._picture)
-        self.y = Page.margin
+        self.y = style.MARGIN
 
     def pixels(self) -> Codes8:
         """(H, W, 3) sRGB codes of the sheet, cropped to its content."""
-        height = self.y + Page.margin - Page.gap
-        return np.array(self._picture.crop((0, 0, Page.width, height)))
+        height = self.y + style.MARGIN - style.GAP
+        return np.array(self._picture.crop((0, 0, style.WIDTH, height)))
 
     def title(self, name: str, remark: str) -> None:
         """Add the title of the sheet."""
-        x, width = Page.margin, Page.width - 2 * Page.margin
-        self.y += self.text(x, self.y, width, name, 28, Palette.bright) + 4
-        self.y = self.line(x, self.y, remark, Palette.dim) + Page.gap // 2
+        x, width = style.MARGIN, style.CONTENT_WIDTH
+        self.y += self.text(x, self.y, width, name, 28, style.BRIGHT) + 4
+        self.y = self.line(x, self.y, remark, style.DIM) + style.GAP // 2
 
     def banner(self, text: str, color: Color) -> None:
         """Add a warning on a colored bar over the whole width."""
-        pad, width, size = 10, Page.width - 2 * Page.margin, Page.title_size
+        pad, width, size = 10, style.CONTENT_WIDTH, style.TITLE_SIZE
         lines = _wrapped(_drawable(text), width - 2 * pad, self._font(size))
         bottom = self.y + 2 * pad + len(lines) * round(size * 1.4)
-        self._pen.rectangle((Page.margin, self.y, Page.width - Page.margin - 1, bottom - 1), color)
-        self.text(Page.margin + pad, self.y + pad, width - 2 * pad, text, size, Palette.ground)
-        self.y = bottom + Page.gap // 2
+        self._pen.rectangle(
+            (style.MARGIN, self.y, style.WIDTH - style.MARGIN - 1, bottom - 1), color
+        )
+        self.text(style.MARGIN + pad, self.y + pad, width - 2 * pad, text, size, style.GROUND)
+        self.y = bottom + style.GAP // 2
 
     def picture(self, pixels: Codes8, legend: Sequence[tuple[Color, str]] = ()) -> None:
         """Add a picture of at most the whole width, and a legend of its colors."""
-        self.paste(pixels, Page.margin, self.y)
-        width, bottom = Page.width - 2 * Page.margin, self.y + pixels.shape[0] + 8
-        self.y = self._legend(Page.margin, bottom, width, legend) + Page.gap - 8
+        self.paste(pixels, style.MARGIN, self.y)
+        width, bottom = style.CONTENT_WIDTH, self.y + pixels.shape[0] + 8
+        self.y = self._legend(style.MARGIN, bottom, width, legend) + style.GAP - 8
 
     def sentences(self, lines: Sequence[str]) -> None:
         """Add sentences over the whole width, each on a new line."""
         for line in lines:
-            self.y = self.line(Page.margin, self.y, line)
-        self.y += Page.gap // 2
+            self.y = self.line(style.MARGIN, self.y, line)
+        self.y += style.GAP // 2
 
     def grid(self, panels: Sequence[Panel], name: str, layout: Layout | None = None) -> None:
         """Add a grid of panels of one size, all at the scale of the layout, by default the best."""
@@ -158,17 +147,17 @@ class Canvas:
         layout = layout or Layout.best((width, height), len(panels))
         scale = layout.scale
         size = f"{scale}x enlarged" if scale > 1 else f"{-scale}x reduced" if scale < 0 else "1:1"
-        self.y = self.heading(Page.margin, self.y, f"{name}, {size}")
+        self.y = self.heading(style.MARGIN, self.y, f"{name}, {size}")
         for first in range(0, len(panels), layout.columns):
             self._row(panels[first : first + layout.columns], layout.width, scale)
 
     def row(self, panels: Sequence[Panel], name: str) -> None:
         """Add panels in one row, at their own size."""
-        self.y = self.heading(Page.margin, self.y, name)
+        self.y = self.heading(style.MARGIN, self.y, name)
         self._row(panels, column_width(len(panels)), 1)
 
     def _row(self, panels: Sequence[Panel], column: int, scale: int) -> None:
-        lefts = [Page.margin + i * (column + Page.gap) for i in range(len(panels))]
+        lefts = [style.MARGIN + i * (column + style.GAP) for i in range(len(panels))]
         self.y += max(self._caption(x, column, p) for x, p in zip(lefts, panels, strict=True))
         bottoms = []
         for x, panel in zip(lefts, panels, strict=True):
@@ -176,42 +165,42 @@ class Canvas:
             self.paste(pixels, x, self.y)
             y = self.y + pixels.shape[0] + 8
             bottoms.append(self._legend(x, y, column, panel.legend))
-        self.y = max(bottoms) + Page.gap // 2
+        self.y = max(bottoms) + style.GAP // 2
 
     def _caption(self, x: int, width: int, panel: Panel) -> int:
         """Draw title and remark, on one line if they fit; returns their height."""
-        title, body = self._font(Page.title_size), self._font(Page.body_size)
-        self._pen.text((x, self.y), panel.title, Palette.bright, title)
+        title, body = self._font(style.TITLE_SIZE), self._font(style.BODY_SIZE)
+        self._pen.text((x, self.y), panel.title, style.BRIGHT, title)
         after = int(title.getlength(panel.title)) + 14
         if after + body.getlength(panel.remark) <= width:
-            self._pen.text((x + after, self.y + 4), panel.remark, Palette.dim, body)
+            self._pen.text((x + after, self.y + 4), panel.remark, style.DIM, body)
             return 34
         y = self.y + 28
-        return 30 + self.text(x, y, width, panel.remark, Page.body_size, Palette.dim)
+        return 30 + self.text(x, y, width, panel.remark, style.BODY_SIZE, style.DIM)
 
     def _legend(
         self, left: int, y: int, width: int, entries: Sequence[tuple[Color | None, str]]
     ) -> int:
         """Draw colors and their meaning, as many to a line as fit; returns the bottom."""
-        x, font = left, self._font(Page.body_size)
+        x, font = left, self._font(style.BODY_SIZE)
         for color, text in entries:
             swatch = 120 if color is None else 14
             needed = swatch + 10 + int(font.getlength(text)) + 22
             if x > left and x + needed - 22 > left + width:
-                x, y = left, y + Page.line_height
+                x, y = left, y + style.LINE_HEIGHT
             if color is None:
                 values = np.linspace(0, 3, swatch) / 3  # exact at the four stops
                 ramp = heat_codes(values[None].repeat(14, axis=0))
                 self.paste(ramp, x, y + 4)
             else:
                 self._pen.rectangle((x, y + 4, x + 13, y + 17), color)
-            self._pen.text((x + swatch + 10, y), text, Palette.dim, font)
+            self._pen.text((x + swatch + 10, y), text, style.DIM, font)
             x += needed
-        return y + Page.line_height if entries else y
+        return y + style.LINE_HEIGHT if entries else y
 
     def heading(self, x: int, y: int, text: str) -> int:
         """Draw a heading in capitals; returns its bottom."""
-        self._pen.text((x, y), text.upper(), Palette.dim, self._font(14))
+        self._pen.text((x, y), text.upper(), style.DIM, self._font(14))
         return y + 28
 
     def text(self, x: int, y: int, width: int, text: str, size: int, color: Color) -> int:
@@ -222,9 +211,9 @@ class Canvas:
             self._pen.text((x, y + number * line_height), line, color, font)
         return len(lines) * line_height
 
-    def line(self, x: int, y: int, text: str, color: Color = Palette.bright) -> int:
+    def line(self, x: int, y: int, text: str, color: Color = style.BRIGHT) -> int:
         """Draw body text from x to the right margin; returns its bottom."""
-        return y + self.text(x, y, Page.width - Page.margin - x, text, Page.body_size, color)
+        return y + self.text(x, y, style.WIDTH - style.MARGIN - x, text, style.BODY_SIZE, color)
 
     def paste(self, pixels: Codes8, x: int, y: int) -> None:
         """Draw pixels with their upper left corner at (x, y)."""

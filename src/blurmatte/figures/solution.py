@@ -31,9 +31,9 @@ from blurmatte.explain.solution import (
     grade_in_words,
     likeliest_shape,
 )
+from blurmatte.figures import style
 from blurmatte.figures.drawing import (
     Color,
-    Palette,
     checkerboard,
     draw_line,
     fitted,
@@ -43,13 +43,13 @@ from blurmatte.figures.drawing import (
     srgb_codes,
     swatch,
 )
-from blurmatte.figures.sheet import Canvas, Layout, Page, Panel, size_text
+from blurmatte.figures.sheet import Canvas, Layout, Panel, size_text
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.matting.summary import MAX_ALTERNATIVES, Alternative
 from blurmatte.radiometry import LinearImage, check_picture
 
-_BANNERS = {Grade.PLAUSIBLE: Palette.streak, Grade.ASSUMED: Palette.warning}
+_BANNERS = {Grade.PLAUSIBLE: style.STREAK, Grade.ASSUMED: style.WARNING}
 _FLAGS: dict[Quality, tuple[Color, str]] = {
     Quality.MISFIT: ((255, 122, 40), "misfit"),
     Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
@@ -115,25 +115,25 @@ def _warned(solution: Solution) -> list[str]:
 
 def _head(sheet: Canvas, whole: Codes8, solution: Solution) -> None:
     """Draw the whole picture and, to its right, the findings in words."""
-    sheet.paste(whole, Page.margin, sheet.y)
-    x = Page.margin + whole.shape[1] + Page.gap + 8
+    sheet.paste(whole, style.MARGIN, sheet.y)
+    x = style.MARGIN + whole.shape[1] + style.GAP + 8
     y = _draw_model(sheet, x, solution)
     y = _draw_alternatives(sheet, x, y, solution)
     y = sheet.heading(x, y + 14, "what was found")
     doubtful = doubts(solution)
     drawn = len(_warned(solution)) + len(alternatives_in_words(solution))
     for fact in explain(solution)[drawn:]:  # the others are in the banner and under the swatches
-        y = sheet.line(x, y, fact, Palette.warning if fact in doubtful else Palette.bright) + 5
-    sheet.y = max(y, sheet.y + whole.shape[0]) + Page.gap
+        y = sheet.line(x, y, fact, style.WARNING if fact in doubtful else style.BRIGHT) + 5
+    sheet.y = max(y, sheet.y + whole.shape[0]) + style.GAP
 
 
 def _draw_model(sheet: Canvas, x: int, solution: Solution) -> int:
     """Draw swatches of the color model and its evidence; returns the bottom."""
     model = solution.model
     y = sheet.heading(x, sheet.y, "color of the object")
-    width = min(Page.width - Page.margin - x, 520)
+    width = min(style.WIDTH - style.MARGIN - x, 520)
     if solution.stats.is_gray:
-        return sheet.text(x, y, width, "gray, without a hue", Page.title_size, Palette.bright) + y
+        return sheet.text(x, y, width, "gray, without a hue", style.TITLE_SIZE, style.BRIGHT) + y
     for row in _swatch(model, width):
         sheet.paste(row, x, y)
         y += row.shape[0]
@@ -143,11 +143,11 @@ def _draw_model(sheet: Canvas, x: int, solution: Solution) -> int:
             sheet.paste(row, x, y)
             y += row.shape[0] + 4
         region = "the color, and the rim of what it is in 95 of 100 cases"
-        y += sheet.text(x, y, width, region, Page.body_size, Palette.dim) + 8
+        y += sheet.text(x, y, width, region, style.BODY_SIZE, style.DIM) + 8
     sure = f", ± {model.angle_std:.2g}°" if model.evidence and model.rank < 3 else ""
-    y += sheet.text(x, y, width, model.in_words + sure, Page.title_size, Palette.bright) + 6
+    y += sheet.text(x, y, width, model.in_words + sure, style.TITLE_SIZE, style.BRIGHT) + 6
     for sentence in explain(model):
-        y = sheet.line(x, y, sentence, Palette.dim) + 3
+        y = sheet.line(x, y, sentence, style.DIM) + 3
     return y
 
 
@@ -156,7 +156,7 @@ def _draw_alternatives(sheet: Canvas, x: int, y: int, solution: Solution) -> int
 
     Draws nothing if the grade is confirmed or no hypotheses were compared.
     """
-    found, width = alternatives_of(solution), Page.width - Page.margin - x
+    found, width = alternatives_of(solution), style.WIDTH - style.MARGIN - x
     if not found:
         return y
     y = sheet.heading(x, y + 14, "what else fits")
@@ -185,8 +185,8 @@ def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative, gr
     name = () if gray else (one.hex,)
     factor = "hides nothing" if one.hides_nothing else f"alpha x {one.alpha_factor:.2f}"
     for line in (*name, factor, weight):
-        color = Palette.bright if one.matters else Palette.dim
-        y += sheet.text(x, y, width, line, Page.body_size, color)
+        color = style.BRIGHT if one.matters else style.DIM
+        y += sheet.text(x, y, width, line, style.BODY_SIZE, color)
     return y
 
 
@@ -274,7 +274,7 @@ def _possible(model: ColorModel) -> list[Codes8]:
 
 def _shown_color(part: Solution) -> Floats:
     color = part.layer.straight()
-    color[~sure_pixels(part)] = light_of_codes(np.array(Palette.neutral, np.uint8))
+    color[~sure_pixels(part)] = light_of_codes(np.array(style.NEUTRAL, np.uint8))
     return color
 
 
@@ -308,15 +308,15 @@ def _whole(image: LinearImage, solution: Solution) -> Codes8:
     from PIL import ImageDraw
 
     text_width = 560
-    room = Page.width - 2 * Page.margin - Page.gap - text_width, Page.picture_height
+    room = style.CONTENT_WIDTH - style.GAP - text_width, style.MAX_PICTURE_HEIGHT
     picture, scale = fitted(image, room)
     size, pen = picture.size, ImageDraw.Draw(picture)
     for box in solution.stats.other_boxes:
-        pen.rectangle(_scaled(box, scale, size), outline=Palette.other, width=1)
+        pen.rectangle(_scaled(box, scale, size), outline=style.OTHER, width=1)
     _draw_sweep(pen, solution, scale)
     rows, columns = solution.streak_place
     box = columns.start, rows.start, columns.stop, rows.stop
-    pen.rectangle(_scaled(box, scale, size), outline=Palette.streak, width=3)
+    pen.rectangle(_scaled(box, scale, size), outline=style.STREAK, width=3)
     return np.asarray(picture)
 
 
@@ -362,7 +362,7 @@ def draw_parallax(picture: LinearImage, regions: Sequence[ParallaxRegion]) -> Co
 def _outlined(codes: Codes8, box: Box) -> Codes8:
     """A picture with a line along the inner side of a box."""
     drawn, line = codes.copy(), 2
-    drawn[rows_columns(box)] = Palette.warning
+    drawn[rows_columns(box)] = style.WARNING
     inner = rows_columns(grown(box, -line, (codes.shape[1], codes.shape[0])))
     drawn[inner] = codes[inner]
     return drawn
@@ -387,13 +387,13 @@ def draw_plate(fit: PlateFit) -> Codes8:
     """
     plate = fit.plate
     known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))
-    light = np.where(known[..., None], srgb_codes(plate.rgb), np.array(Palette.unknown, np.uint8))
+    light = np.where(known[..., None], srgb_codes(plate.rgb), np.array(style.UNKNOWN, np.uint8))
     for region in () if fit.camera is None else fit.camera.parallax:
         light = _outlined(light, region.box)
     top = round_up(float(np.percentile(std[known], 98)))
     errors = heat_codes(np.clip(std / top, 0, 1))
-    errors[~known] = Palette.unknown
-    unknown = (Palette.unknown, f"not known or clipped {1 - known.mean():.1%}")
+    errors[~known] = style.UNKNOWN
+    unknown = (style.UNKNOWN, f"not known or clipped {1 - known.mean():.1%}")
     sheet = Canvas()
     sheet.title("plate", f"{size_text(plate.size)} px of {len(fit.gain)} frames")
     sheet.sentences(explain(fit))

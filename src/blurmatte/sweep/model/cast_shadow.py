@@ -17,15 +17,17 @@ from blurmatte.compiling import njit
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.pixels import Pixels
 
+# Fractions of the plate's light, of the channel that loses most
+_MIN_STRENGTH = 0.04  # less is not visible
+_MAX_STRENGTH = 0.95  # other light reaches the plate, too
+_MIN_STRENGTH_RATIO = 0.5  # smallest over largest of the channels: lamps are about white
+
 
 @dataclass(frozen=True, eq=False)
 class CastShadow:
     """A shadow that a disc casts."""
 
     size: ClassVar[int] = 6  # parameters
-    MIN_STRENGTH: ClassVar[float] = 0.04  # of the channel that loses most
-    MAX_STRENGTH: ClassVar[float] = 0.95  # of the same channel: other light reaches the plate too
-    MIN_STRENGTH_RATIO: ClassVar[float] = 0.5  # smallest over largest: lamps are about white
 
     offset: Array  # (2,) float: from the disc's center to its shadow's, pixels
     softness: float  # standard deviation of its blur, pixels
@@ -35,8 +37,8 @@ class CastShadow:
     def is_possible(self) -> bool:
         """True if a lamp that is white, but not the only light, can cast it."""
         least, most = float(self.strength.min()), float(self.strength.max())
-        visible = self.MIN_STRENGTH <= most <= self.MAX_STRENGTH
-        return visible and least >= self.MIN_STRENGTH_RATIO * most
+        visible = _MIN_STRENGTH <= most <= _MAX_STRENGTH
+        return visible and least >= _MIN_STRENGTH_RATIO * most
 
     @property
     def numbers(self) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from blurmatte.compiling import njit
 from blurmatte.sweep.model.pixels import Pixels
 
 _MAX_STEP_PX = 0.125  # of the polyline that replaces a path in `path_spread`
+_LATEST_KINK = 0.98  # fraction of the exposure: the last piece has a finite speed
 
 
 @njit()
@@ -258,13 +259,12 @@ class Arc(PathFamily):
 class Kinked(PathFamily):
     """Families whose last parameter is the time at which the velocity jumps."""
 
-    earliest: ClassVar[float] = 0.02
-    latest: ClassVar[float] = 0.98
+    earliest: ClassVar[float] = 0.02  # fraction of the exposure, as `_LATEST_KINK`
     _pieces: ClassVar[Callable[..., tuple[Array, Array]]]  # compiled
 
     def kink(self, p: Array) -> float:
         """Time at which the velocity jumps, within its bounds."""
-        return float(np.clip(p[-1], self.earliest, self.latest))
+        return float(np.clip(p[-1], self.earliest, _LATEST_KINK))
 
     def units(self, pixel: float) -> Array:
         """Of lengths, and of the time, which has no unit."""
@@ -273,7 +273,7 @@ class Kinked(PathFamily):
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Along both pieces; the time of a kink at a bound cannot change."""
         kink = self.kink(p)
-        xy, D = self._pieces(p, kink, not self.earliest < kink < self.latest, t)
+        xy, D = self._pieces(p, kink, not self.earliest < kink < _LATEST_KINK, t)
         return xy, D
 
 
@@ -315,7 +315,7 @@ class FromRest(Kinked):
     in_words = "a path from rest"
     motion_in_words = "a straight line, at rest for a while"
     size = 5
-    earliest = 0.0
+    earliest = 0.0  # all of it is one straight piece
     _pieces = staticmethod(_from_rest)
 
     def starts(self, curve: Array) -> list[Array]:
