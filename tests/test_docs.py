@@ -1,5 +1,7 @@
 """Documents, command line and packages agree, and every link leads to a file."""
 
+import ast
+import keyword
 import re
 import shlex
 import tomllib
@@ -105,6 +107,31 @@ def test_the_map_of_packages_is_complete():
     paths = (ROOT / "src" / "blurmatte").iterdir()
     packages = {path.stem for path in paths if path.name not in ("__pycache__", "py.typed")}
     assert packages == tree
+
+
+def words(tree):
+    """Names that code defines or uses, and words that are whole strings: columns, keys."""
+    for node in ast.walk(tree):
+        for field in ("id", "attr", "name", "arg", "module"):
+            yield from str(getattr(node, field, "") or "").split(".")
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+
+
+def test_names_in_docstrings_exist():
+    files = [p for p in (ROOT / "src").rglob("*.py*") if p.suffix in (".py", ".pyi")]
+    trees = {path: ast.parse(path.read_text(encoding="utf-8")) for path in files}
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    known = {"pyi", *keyword.kwlist, *project["optional-dependencies"]}
+    known |= {name for path in files for name in (path.stem, path.parent.name)}
+    known |= {word for tree in trees.values() for word in words(tree)}
+    foreign = {"colorInteropID"}
+    for path, tree in trees.items():
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+                text = ast.get_docstring(node) or ""
+                for name in set(re.findall(r"`([A-Za-z_][\w.]*)`", text)) - foreign:
+                    assert set(name.split(".")) <= known, (path, name)
 
 
 def test_short_documents_keep_their_limits():

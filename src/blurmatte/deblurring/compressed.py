@@ -18,10 +18,10 @@ the steps along the axes of color that the file knows with different precision. 
 sampled: x = H⁻¹ (Jᵀ √w e + Dᵀ √(weights of Q) e') has this covariance for independent e, e'
 [Papandreou & Yuille 2010].
 
-1. The prior Q = Σ λₖ Qₖ, Qₖ = Dₖᵀ Dₖ of first and second differences, see `differences`. The strengths
+1. The prior Q = Σ λₖ Qₖ, Qₖ = Dₖᵀ Dₖ of first and second differences, see `priors`. The strengths
    λₖ of independent noise take noise of the file for texture. They are therefore fitted again: λₖ =
    γₖ / |Dₖ o|², where the data determine γₖ = λₖ (3 tr Q⁺ Qₖ − E|Dₖ x|²) parameters [MacKay 1992].
-2. The prior of edges, see `sparse_prior`. E|d|² has the variance of independent noise, scaled to that
+2. The prior of edges, see `priors`. E|d|² has the variance of independent noise, scaled to that
    of the samples.
 3. The covariance is that of independent noise under the last prior, scaled to the samples.
 

@@ -1,6 +1,6 @@
 """The spin of a ball from one blurred picture, or the reason why the picture does not determine it.
 
-The texture of the ball is marginalized (`gaussian`), so that every rotation has an evidence. Its maxima
+The texture of the ball is marginalized (`priors`), so that every rotation has an evidence. Its maxima
 are found on a coarse lattice (`spin_search`). The likeliest are refined together with path and
 shading (`refine`), and compared; the best is refined once more on a fine lattice.
 
@@ -10,7 +10,7 @@ gradient of log Z, to which strips of the picture contribute more than the poste
 and earlier ones by `VARIANCE_INFLATION`.
 
 A ball that spins and one that shows one side explain the same pixels under the same weights. Let Z be
-the evidence of the color in `gaussian`, Q the inverse covariance (n, n) of the color of n nodes before
+the evidence of the color in `priors`, Q the inverse covariance (n, n) of the color of n nodes before
 the light is seen, without its constant, and C and Σ the (k, k) covariances of the k parameters of
 motion and shape after and before. Then the log evidence of each is
 

@@ -9,7 +9,7 @@ does not, its shading,
 where C has the harmonics of `spin` as columns. Shading is a factor of the texture: an estimate of it is
 in A, and C β is a first-order model of its error. Highlights h are white, the same in all channels, at
 nodes of a lattice that does not turn. All are marginalized, o with the prior exp(−λ oᵀ Q o / 2) of
-`gaussian`, β and h with independent normal priors; log Z(ω) follows from a Cholesky factor of the
+`priors`, β and h with independent normal priors; log Z(ω) follows from a Cholesky factor of the
 equations of the nodes and Schur complements for β and h.
 """
 

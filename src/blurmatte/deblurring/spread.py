@@ -15,7 +15,7 @@ that it takes there,
     α(p) = Σₖ G(p, k) τₖ.
 
 The times are smooth: the prior is exp(−λ |D τ|² / 2) with second differences D, its strength by
-evidence as in `gaussian`. They are the nonnegative least squares solution; the standard deviations
+evidence as in `priors`. They are the nonnegative least squares solution; the standard deviations
 are those of the solution without that constraint.
 """
 

@@ -36,7 +36,7 @@ class MatchedFilter:
     model : ColorModel
         Of rank 1.
     weight : (H, W) float32
-        As in `color.color_projection`.
+        As of `projection_weights`.
     std : (H, W) float32
         Of the weighted mean of p over neighbors, times the sum of the weights.
     inflation : float

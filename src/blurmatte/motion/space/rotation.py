@@ -2,8 +2,8 @@
 
 In polar coordinates (ρ, φ) around the center, the rotation of a rigid object by ω blurs its silhouette
 along φ by a box of width ω. Where an edge passed, alpha is a ramp, for any outline: that gives the
-starts (`rotation_start`). The fit gives the most likely center, ω and edges (`rotation_blades`), in the
-ring in which the whole object is visible (`rotation_ring`).
+starts. The fit gives the most likely center, ω and edges, in the ring in which the whole object is
+visible (`rotation_fit`).
 """
 
 from __future__ import annotations
