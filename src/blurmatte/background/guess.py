@@ -5,7 +5,8 @@ region a sum of four: straight lines that cross the region, a plane (universal k
 with a Matérn covariance, and texture with a spectrum of its own. Lines are continued where both sides
 of the region show them. The smooth part is known at cells of several pixels; its order, length and
 amplitude have the weight of their restricted likelihood around the region. The texture is what the
-surroundings leave; behind the object it is not predicted.
+surroundings leave; behind the object it is not predicted. Few cells allow any covariance, as a dense
+matrix; `sweep.model.color_field` has a banded inverse of it, to be fitted at each step of a search.
 """
 
 from collections.abc import Sequence

@@ -211,7 +211,8 @@ def _shift(light: Floats32, change: Floats32, use: Bools) -> tuple[float, float]
     """Shift of one frame against another, pixels, and its share of the change's variance.
 
     A shift s changes light by −s·∇. It is the median over tiles, of which moving objects occupy few.
-    The share is corrected for the one expected by chance.
+    The share is corrected for the one expected by chance. It matters far below a pixel, where one
+    linear step is enough; `background.camera_motion` finds larger shifts.
     """
     g = np.stack(
         np.gradient(scipy.ndimage.gaussian_filter(light.mean(axis=-1, dtype=float), 1.0)), axis=-1

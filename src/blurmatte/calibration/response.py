@@ -8,7 +8,9 @@ picture of exposure time t the code value
 where h has an empirical prior (`response_prior`), b is the black level, and each t has an error of a
 few percent. All are fitted jointly: x is eliminated place by place (variable projection), the other
 parameters θ, in standard deviations of their prior, follow by least squares from the residuals of code
-values. The covariance of the posterior gives the errors.
+values. The covariance of the posterior gives the errors. SciPy's least squares serves here, not
+`descent`, as it stops at a relative decrease of their squares: that does not depend on the noise, which
+is fitted too.
 
 The prior is similar to that of M. D. Grossberg and S. K. Nayar, Modeling the Space of Camera Response
 Functions, PAMI 26 (10), 2004. The curve is determined by ratios of exposure (the same authors,

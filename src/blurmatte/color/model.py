@@ -384,7 +384,10 @@ def _inliers(samples: Array, rank: int) -> Array:
 
 
 def _robust_residual(samples: Array, start: Array, rank: int) -> Array:
-    """Residuals of the samples from the line or plane near a pole of least Cauchy loss."""
+    """Residuals of the samples from the line or plane near a pole of least Cauchy loss.
+
+    SciPy's search differentiates them numerically; `descent` needs the curvature.
+    """
     tangent = perpendicular(start)
 
     def residual(step: Array) -> Array:

@@ -245,7 +245,8 @@ def recompressed(
     """Images of a line of colors, and the plate, compressed as the image was.
 
     The plate is compressed once more in the same way, so that it has the same relation to the rendered
-    images as before to the image.
+    images as before to the image. The error of a color needs files with random noise, before there is a
+    sweep; `sweep.fit.codec_loss` predicts the mean effect of a file on a sweep.
 
     l (3,): unit direction of the line.
     image, plate: the surroundings of the streak, with known noise.

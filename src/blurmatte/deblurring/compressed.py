@@ -13,8 +13,9 @@ plate blurred again, and the code values of C are changed by those of M' − M, 
 
 is the inverse covariance of the color under a quadratic prior Q, with the premultiplied light
 P = C − (1 − α) B and the step q of a coefficient's rounding. Steps of Gauss and Newton are solved
-by conjugate gradients, with the factors of the equations of independent noise as preconditioner, for
-the steps along the axes of color that the file knows with different precision. H⁻¹ is
+by conjugate gradients, which only apply H (`descent` needs its elements, too many here), with the
+factors of the equations of independent noise as preconditioner, for the steps along the axes of color
+that the file knows with different precision. H⁻¹ is
 sampled: x = H⁻¹ (Jᵀ √w e + Dᵀ √(weights of Q) e') has this covariance for independent e, e'
 [Papandreou & Yuille 2010].
 

@@ -4,7 +4,8 @@ Between two materials chroma C is a linear function of luma L, whether the edge 
 focus. With C and L averaged alike, and δ the position of a chroma sample from the middle of the luma
 samples that share it, C ≈ a + b (L + δ L′). In each window a, b and δ are fitted by least squares;
 windows share δ, and its error is that of their scatter (a sandwich estimate). With the chroma of a
-plate instead of L, its whole texture determines δ.
+plate instead of L, its whole texture determines δ. `background.camera_motion` compares pictures of the
+same light; a and b differ between materials.
 """
 
 import struct

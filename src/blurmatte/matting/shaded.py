@@ -175,7 +175,10 @@ class Shaded(Solver):
 def _least_squares(
     X: Array, y: Array, image: LinearImage, plate: LinearImage
 ) -> tuple[Array, Array, Array]:
-    """Unknowns (h, w, p) of X (h, w, 3, p) and y (h, w, 3), their covariance, and residual χ²."""
+    """Unknowns (h, w, p) of X (h, w, 3, p) and y (h, w, 3), their covariance, and residual χ².
+
+    With the shadow there are two or three unknowns; the closed form of `pixelwise` has one, alpha.
+    """
     through = np.ones(y.shape[:2])
     for _ in range(2):  # the weights depend on α and S
         variance = image.variance + through[..., None] ** 2 * plate.variance + MIN_VARIANCE

@@ -46,6 +46,7 @@ from blurmatte.matting.smooth_kernel import (
     spread,
     weigh,
 )
+from blurmatte.statistics import block_sums
 
 BORDER = 2  # cells around all maps
 # Settings of the estimate of a field.
@@ -110,8 +111,7 @@ def sums_2x2(values: Floats) -> Floats:
     inner = values[BORDER:-BORDER, BORDER:-BORDER]
     h, w = inner.shape
     inner = np.pad(inner, ((0, h % 2), (0, w % 2)))
-    rows = inner[::2] + inner[1::2]
-    return np.pad(rows[:, ::2] + rows[:, 1::2], BORDER)
+    return np.pad(block_sums(inner, 2), BORDER)
 
 
 @dataclass(frozen=True)

@@ -114,7 +114,10 @@ def shift_variance(image: LinearImage, plate: LinearImage, still: Bools) -> Floa
 
 
 def _mean_square_shift(d: Floats, variance: Floats, edge: Floats) -> float:
-    """Mean square shift, pixels², from the excess of d² over its variance at the strongest edges."""
+    """Mean square shift, pixels², from the excess of d² over its variance at the strongest edges.
+
+    The variance needs no direction, and shifts too small for `background.camera_motion` count, too.
+    """
     energy = edge.sum(axis=-1)
     if energy.size == 0:
         return 0.0

@@ -17,6 +17,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.files.documents import plain
 from blurmatte.formats import is_clip
 from blurmatte.radiometry.transfer import hex_of_light
+from blurmatte.statistics import cell_means
 
 T = TypeVar("T")
 
@@ -336,8 +337,7 @@ def _halved(pixels: Floats, part: str) -> Floats:
     height, width = pixels.shape[:2]
     if height % 2 or width % 2:
         pixels = np.pad(pixels, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
-    rows = pixels[0::2] + pixels[1::2]
-    halved = np.asarray((rows[:, 0::2] + rows[:, 1::2]) * np.float32(0.25))
+    halved = cell_means(pixels, 2)
     if part == "error":
         flags = pixels[..., 1].astype(np.uint16)
         either = flags[0::2] | flags[1::2]

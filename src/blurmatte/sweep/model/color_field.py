@@ -20,7 +20,8 @@ changes with the light along the path. The mean m is free; κ, the spread about 
 from node to node, are estimated. An object of one paint has a spread along its own color
 alone, for shading varies; one of two paints, or in the light of two lamps, along two axes. The cost
 includes the volume of the posterior: it is the negative log marginal likelihood of alpha, and the
-same model holds for objects of one color and of many.
+same model holds for objects of one color and of many. The inverse covariance is banded, so that a field
+is fitted at each step of a search; `background.guess`, with few cells and one fit, has dense ones.
 
 The axes of `ColorPrior` are orthonormal directions of linear RGB along which colors vary
 independently. The first axes span the color model; along the others colors deviate from it by no more
