@@ -109,25 +109,42 @@ def stripes(rng):
     return (0.4 + 0.1 * np.tanh(4 * across))[..., None] * (1, 0.9, 0.75)
 
 
-@pytest.mark.parametrize("made", [straight_edge, stripes])
-def test_lines_that_cross_the_region_are_continued(made):
-    """Without lines the root mean square errors are 0.08 and 0.06."""
-    rng = np.random.default_rng(0)
+def edge_on_the_right(rng):
+    """The straight edge, which ends behind the region: nothing says where."""
+    scene = straight_edge(rng)
+    scene[:, :48] = scene[0, 0]
+    return scene
+
+
+def guess_errors(made, seed):
+    """Errors of the light of pixels in the region, and these over the claimed ones."""
+    rng = np.random.default_rng(seed)
     scene = made(rng)
     guess = guess_plate(covered(LinearImage(scene + rng.normal(0, NOISE, scene.shape))), REGION)
     error = (guess.rgb - scene)[REGION]
+    return error, error / np.sqrt(guess.variance[REGION])
+
+
+@pytest.mark.parametrize("made", [straight_edge, stripes])
+def test_lines_that_cross_the_region_are_continued(made):
+    """Without lines the root mean square errors are 0.08 and 0.06."""
+    error, _ = guess_errors(made, 0)
     assert np.sqrt(np.mean(error**2)) < 0.02
-    assert 0.2 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.3
 
 
-def test_edge_that_only_one_side_shows_stays_an_error():
-    """Honest: nothing says where between the sides of the region the edge ends."""
-    rng = np.random.default_rng(0)
-    scene = straight_edge(rng)
-    scene[:, :48] = scene[0, 0]
-    guess = guess_plate(covered(LinearImage(scene + rng.normal(0, NOISE, scene.shape))), REGION)
-    error = (guess.rgb - scene)[REGION]
-    assert 0.2 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1.5
+@pytest.mark.battery
+@pytest.mark.parametrize(("made", "ratio"), [(straight_edge, 0.23), (stripes, 0.68)])
+def test_errors_of_lines_that_are_continued_are_conservative(made, ratio):
+    """Honest but for a factor: as of a wall, the lines are smoother than others that may be there."""
+    z = [guess_errors(made, seed)[1] for seed in range(12)]
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) / ratio < 1.25
+
+
+@pytest.mark.parametrize("draws", [3, pytest.param(12, marks=pytest.mark.battery)])
+def test_error_of_an_edge_that_only_one_side_shows_is_a_quarter_too_small(draws):
+    """Honest: true errors over claimed ones, 1.28 over many draws."""
+    z = [guess_errors(edge_on_the_right, seed)[1] for seed in range(draws)]
+    assert 1.1 < np.sqrt(np.mean(np.square(z))) < 1.4
 
 
 @pytest.mark.parametrize(("height", "first"), [(71, 41), (72, 0)])
