@@ -50,7 +50,7 @@ def solved_picture_at(
 ) -> bm.Solution:
     """The solution of one picture, for commands that write no layer; warns of its doubts."""
     if plate == GUESSED:
-        check_guess("auto", region, "auto", reading.transfer)
+        check_guess("auto", region, is_shaded=False, transfer=reading.transfer)
     notes: list[str] = []
     plates = [] if plate == GUESSED else [reading.read(plate, notes)]
     selection = Selection(reading, ObjectColor(), region)
@@ -89,7 +89,7 @@ def solved(
     return C, matched, match, solution
 
 
-def check_guess(match: str, region: str | None, solver: str, transfer: str | None) -> None:
+def check_guess(match: str, region: str | None, is_shaded: bool, transfer: str | None) -> None:
     """Raise ValueError for options that a guess of the plate contradicts."""
     if region is None:
         raise ValueError(
@@ -98,7 +98,7 @@ def check_guess(match: str, region: str | None, solver: str, transfer: str | Non
         )
     if match not in ("auto", "none"):
         raise ValueError(f"--match {match} needs a plate; with --plate none leave it out")
-    if solver.startswith("shaded"):
+    if is_shaded:
         raise ValueError("--solver shaded needs a plate: a guess does not show what is a shadow")
     if transfer == "auto":
         raise ValueError(

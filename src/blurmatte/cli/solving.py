@@ -69,6 +69,11 @@ class SolvingOptions:
         """Whether they mean pictures that are solved alone, not a clip."""
         return (self.region, self.occluder, self.solver) != (None, None, "auto")
 
+    @property
+    def is_shaded(self) -> bool:
+        """Whether the solver is that of objects whose shadow may lie on the plate."""
+        return self.solver.partition(":")[0] == "shaded"
+
 
 @command(
     "solve throw.png --plate empty_room.png -o out/",
@@ -99,9 +104,9 @@ def solve(
                 "--plate none guesses the scene behind the object in a picture alone; the plate of a "
                 "clip is made from its frames: leave --plate out"
             )
-        check_guess(plate.match, how.region, how.solver, reading.transfer)
+        check_guess(plate.match, how.region, how.is_shaded, reading.transfer)
     if of_clip:
-        method = _fitting_shapes(_clip_solver(solver, colors), how)
+        method = _fitting_shapes(_clip_solver(how, colors), how)
         solve_clip(images, plate, out, selection, clip, how.occluder, method, required, as_json)
         return
     from blurmatte.cli.picture_rows import PictureRow, solve_row  # imports all of the library
@@ -119,7 +124,7 @@ def solve(
     if not plate.is_guessed:
         reading = _with_curve(reading, pairs[0][0], plate.files[0])
         plates = [reading.read(one, notes) for one in plate.files]
-        method = _shaded(reading, solver, colors, plates) if solver.startswith("shaded") else method
+        method = _shaded(reading, solver, colors, plates) if how.is_shaded else method
     selection = replace(selection, reading=reading)
     settings = {"selection": repr(selection), "match": plate.match}
     row = replace(row, settings={**settings, "solver": f"{solver} {how.seconds} {how.opacity}"})
@@ -264,15 +269,16 @@ def _fitting_shapes(
     return kind(seconds=seconds, opacity=opacity_of(how.opacity))
 
 
-def _clip_solver(text: str, colors: ObjectColor) -> bm.matting.Solver | None:
+def _clip_solver(how: SolvingOptions, colors: ObjectColor) -> bm.matting.Solver | None:
     """The solver of a clip, which has no plate in shadow."""
-    method = _solver(text, colors)
-    if text.partition(":")[0] != "shaded":
+    method = _solver(how.solver, colors)
+    if not how.is_shaded:
         return method
-    if ":" in text:
+    if ":" in how.solver:
         raise ValueError(
-            f"of a clip --solver shaded needs one hex --color, the object's own light, got {text!r}: "
-            "a plate in shadow belongs to one picture, for the shadow moves with the object"
+            "of a clip --solver shaded needs one hex --color, the object's own light, got "
+            f"{how.solver!r}: a plate in shadow belongs to one picture, for the shadow moves with the "
+            "object"
         )
     return _of_light((colors.color or ("",))[0])
 

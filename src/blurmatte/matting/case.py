@@ -222,6 +222,10 @@ class Solver(ABC):
         """The same with what it knows of the plate matched to the image."""
         return self
 
+    def without_plate_changes(self) -> "Solver":
+        """The same for an object that does not change the light of the plate."""
+        return self
+
     @property
     def refusal_in_clips(self) -> str:
         """Why it cannot solve the frames of a clip, and the remedy; empty if it can."""

@@ -273,6 +273,11 @@ class Swept(Solver):
             return answer_of_light(case, out, Swept())
         return _averaged(case, out, self.with_shapeless)
 
+    def without_plate_changes(self) -> "Swept":
+        """The same without hypotheses of shadows."""
+        kept = tuple(one for one in self.hypotheses if not one.changes_plate)
+        return replace(self, hypotheses=kept)
+
 
 @dataclass(frozen=True)
 class Averaged(Swept):

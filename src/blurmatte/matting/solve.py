@@ -128,12 +128,8 @@ def solve(
 
 def _shown_in(plate: LinearImage, solver: Solver) -> Solver:
     """A solver without hypotheses of shadows if the error of a guess is as large as their changes."""
-    if not (isinstance(plate, PlateGuess) and isinstance(solver, Swept)):
-        return solver
-    if not plate.is_rough:
-        return solver
-    kept = tuple(one for one in solver.hypotheses if not one.changes_plate)
-    return replace(solver, hypotheses=kept)
+    is_rough = isinstance(plate, PlateGuess) and plate.is_rough
+    return solver.without_plate_changes() if is_rough else solver
 
 
 def _before_guess(

@@ -29,7 +29,6 @@ from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
 
@@ -170,10 +169,7 @@ class FreeSilhouette(Hypothesis):
             or disc.observation.light_alone
         ):
             return False
-        if fits.explained is None:
-            return True
-        shape = fits.explained[1].silhouette
-        return isinstance(shape, Silhouette) and shape.order == HIGHEST_ORDER
+        return fits.explained is None or fits.explained[1].silhouette.order == HIGHEST_ORDER
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """Of one paint, from the paths of the other shapes."""

@@ -68,6 +68,11 @@ class Shape(ABC):
         return False
 
     @property
+    def order(self) -> int:
+        """Of the Fourier series of its outline; 0 if it has none."""
+        return 0
+
+    @property
     def size(self) -> int:
         """Number of parameters."""
         return len(self.names)
