@@ -14,13 +14,17 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Floats = npt.NDArray[np.floating[Any]]
 Floats32 = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.integer[Any]]  # of any size
+Ints16 = npt.NDArray[np.int16]
 Ints32 = npt.NDArray[np.int32]
 Ints64 = npt.NDArray[np.int64]
 Indices = npt.NDArray[np.intp]
 AnyArray = npt.NDArray[Any]  # of numbers of any type
 Bools = npt.NDArray[np.bool_]
 Codes8 = npt.NDArray[np.uint8]
-Codes = Codes8 | npt.NDArray[np.uint16]  # code values of files
+Codes16 = npt.NDArray[np.uint16]
+Codes32 = npt.NDArray[np.uint32]
+Codes = Codes8 | Codes16  # code values of files
 Box = tuple[int, int, int, int]  # (x0, y0, x1, y1) pixels; x1 and y1 are one past the last
 Direction = Literal["right", "down", "left", "up"]
 # Unit vectors (x, y) of the picture

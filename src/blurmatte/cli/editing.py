@@ -35,9 +35,9 @@ from blurmatte.cli.paths import PICTURE, check_file, check_outputs, is_row, laye
 from blurmatte.cli.selection import (
     GUESSED,
     Out,
-    OwnPictures,
     PlateOptions,
     Reading,
+    SourceFiles,
     check_photographed,
     guess_behind,
     matching_of,
@@ -68,7 +68,7 @@ class _Edit:
 
 
 @dataclass(frozen=True)
-class EditedPictures(OwnPictures):
+class EditedPictures(SourceFiles):
     """The pictures that a layer is from; the image is kept where nothing changes."""
 
     def __post_init__(self) -> None:

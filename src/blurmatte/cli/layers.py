@@ -36,7 +36,7 @@ from blurmatte.cli.paths import (
     expanded,
     layer_in,
 )
-from blurmatte.cli.selection import GUESSED, PICTURES, Layer, Out, OutFolder, OwnPictures, Reading
+from blurmatte.cli.selection import GUESSED, PICTURES, Layer, Out, OutFolder, Reading, SourceFiles
 from blurmatte.formats import MAX_PIXELS
 
 _OVER_PLATE = tuple(name for name in CLIPS if name not in CLIPS_OF_LAYERS)  # have no alpha
@@ -106,7 +106,7 @@ def paints(
 
 
 @dataclass(frozen=True)
-class BlurredPictures(OwnPictures):
+class BlurredPictures(SourceFiles):
     """The pictures that a layer is from; with them the path is refined."""
 
     spin: str = optional(

@@ -145,7 +145,7 @@ class PlateOptions:
 
 
 @dataclass(frozen=True)
-class OwnPictures:
+class SourceFiles:
     """The pictures that a layer is from, and how the plate may be changed to match the image."""
 
     image: Path | None = optional("FILE", "With the object.", PICTURES)

@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 from PIL.ExifTags import Base as TiffTag
 
-from blurmatte.checks import Array, Bools, Floats
+from blurmatte.checks import Array, Bools, Codes16, Floats, Ints
 from blurmatte.errors import FileError, optional_library
 from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.icc import BT709, xyz_of
@@ -31,7 +30,6 @@ from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.sensor import (
     Orientation,
-    Pattern,
     demosaic,
     sees_all_colors,
     tiled,
@@ -39,7 +37,6 @@ from blurmatte.radiometry.sensor import (
 )
 from blurmatte.radiometry.transfer import Matrix3
 
-Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]
 
 _USED_TAGS = (
@@ -137,7 +134,7 @@ def _exact_black(raw: Any, directories: Sequence[Tags]) -> Floats:
 
 def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Floats, Bools, Floats]:
     """Light and validity of a mosaic, and the factors of its noise variance."""
-    mosaic: Mosaic = raw.raw_image_visible
+    mosaic: Codes16 = raw.raw_image_visible
     if raw.num_colors == 1:
         light = (mosaic - black[0]) / np.float32(white - black[0])
         return light[..., None].repeat(3, axis=2), mosaic < white, np.ones(3)
@@ -168,7 +165,7 @@ def _of_three(
     return light, (codes < white).all(axis=-1), np.ones(3)
 
 
-def _pattern(path: Path, raw: Any) -> Pattern:
+def _pattern(path: Path, raw: Any) -> Ints:
     """The tile of LibRaw's colors, 0 to 3, at the origin of the visible mosaic."""
     try:
         period = raw.raw_pattern
@@ -185,7 +182,7 @@ def _pattern(path: Path, raw: Any) -> Pattern:
     )
 
 
-def _with_one_green(colors: Pattern) -> Pattern:
+def _with_one_green(colors: Ints) -> Ints:
     """The pattern with 1 for both greens; LibRaw numbers those in blue rows 3."""
     return np.where(colors == 3, 1, colors)
 
@@ -196,7 +193,7 @@ def _clipping(raw: Any, black: Floats, white: float) -> Floats:
     return np.where(stated > black, np.minimum(stated, white), white)
 
 
-def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Pattern) -> None:
+def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Ints) -> None:
     """Raise the values that a clipped pixel contributes to, to white or more."""
     for c in range(3):
         measured = tiled(pattern == c, clipped.shape)

@@ -8,9 +8,8 @@ import struct
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Codes8, Ints64, box_of
+from blurmatte.checks import Bools, Codes8, Codes32, Ints16, Ints64, box_of
 from blurmatte.jpeg import entropy
 from blurmatte.jpeg.structure import (
     MAX_CODE_BITS,
@@ -26,7 +25,6 @@ from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.sensor import Orientation
 
 _UPRIGHT = Orientation()
-HuffmanCodes = npt.NDArray[np.uint32]
 # Sampling factors of all components to Pillow's `subsampling`.
 _PILLOW_SUBSAMPLING = {
     ((1, 1),): 0,
@@ -45,7 +43,7 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
     if data[:2] != bytes([0xFF, Marker.SOI]):
         raise JpegError("the file is no JPEG")
     segments = Segments(data)
-    coefficients: npt.NDArray[np.int16] | None = None
+    coefficients: Ints16 | None = None
     at = 2
     while scan := segments.next_scan(at):
         if coefficients is None:
@@ -94,7 +92,7 @@ def _upright(stored: Compression, size: tuple[int, int], orientation: Orientatio
     return stored
 
 
-def _decode(segments: Segments, scan: Scan, out: npt.NDArray[np.int16]) -> int:
+def _decode(segments: Segments, scan: Scan, out: Ints16) -> int:
     """Decode a scan into the blocks `out`; return the offset of the next marker."""
     order, slots = segments.scan_order(scan.components)
     interval = scan.interval or len(order)
@@ -156,7 +154,7 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
     )
 
 
-def _huffman_tables(counts: Ints64) -> tuple[HuffmanCodes, Codes8, bytes]:
+def _huffman_tables(counts: Ints64) -> tuple[Codes32, Codes8, bytes]:
     """(4, 256) code and length of every symbol, and the body of the DHT segment."""
     codes, lengths = np.zeros((4, 256), np.uint32), np.zeros((4, 256), np.uint8)
     body = b""
@@ -196,7 +194,7 @@ def _scan_segment(jpeg: Jpeg) -> bytes:
     return stored_segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
 
 
-def huffman_codes(counts: Ints64) -> tuple[bytes, HuffmanCodes, Codes8]:
+def huffman_codes(counts: Ints64) -> tuple[bytes, Codes32, Codes8]:
     """Optimal codes of at most 16 bits for symbols with the given frequencies.
 
     At least one of the frequencies (256,) is positive. Returns the symbols in the order of their

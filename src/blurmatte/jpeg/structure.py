@@ -14,9 +14,8 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Ints32, Ints64
+from blurmatte.checks import Codes16, Ints16, Ints32, Ints64
 
 # (64,) row-major index of each coefficient in zigzag order [T.81 figure A.6].
 ZIGZAG = np.array(
@@ -26,7 +25,6 @@ ZIGZAG = np.array(
     )
 )
 MAX_CODE_BITS = 16  # of a Huffman code
-Table = npt.NDArray[np.uint16]
 
 
 class JpegError(ValueError):
@@ -112,12 +110,12 @@ class Jpeg(Frame):
     size: tuple[int, int]
     components: tuple[Component, ...]
     # Tuple of (64,) uint16: the table of each component, in zigzag order
-    quantization: tuple[npt.NDArray[np.uint16], ...]
+    quantization: tuple[Codes16, ...]
     # (N, 64) int16: quantized, in zigzag order: all blocks of the first component row by row, then
     # of the next
-    coefficients: npt.NDArray[np.int16]
+    coefficients: Ints16
 
-    def blocks(self, index: int) -> npt.NDArray[np.int16]:
+    def blocks(self, index: int) -> Ints16:
         """(rows, columns, 64) view of the coefficients of one component, padded to full MCUs."""
         numbers = self.block_numbers()[index]
         part = self.coefficients[numbers[0, 0] : numbers[-1, -1] + 1]
@@ -152,8 +150,8 @@ class Scan:
 
     components: tuple[int, ...]  # indices into the components of the frame
     # Decoding tables of each component, see `decoding_table`
-    dc: tuple[Table, ...]
-    ac: tuple[Table, ...]
+    dc: tuple[Codes16, ...]
+    ac: tuple[Codes16, ...]
     band: tuple[int, int]  # the first and the last coefficient
     # The lowest bit known before, 0 for none; and the lowest bit in this scan
     high: int
@@ -172,11 +170,11 @@ class Segments(Frame):
     progressive: bool = False
     components: tuple[Component, ...] = ()
     selectors: tuple[int, ...] = ()  # quantization table of each component
-    quantization: dict[int, Table] = field(default_factory=dict)  # of components seen in a scan
+    quantization: dict[int, Codes16] = field(default_factory=dict)  # of components seen in a scan
     interval: int = 0
     known: dict[tuple[int, int], int] = field(default_factory=dict)  # lowest bit known so far
-    _quantization_tables: dict[int, Table] = field(default_factory=dict)
-    _huffman_tables: dict[int, Table] = field(default_factory=dict)
+    _quantization_tables: dict[int, Codes16] = field(default_factory=dict)
+    _huffman_tables: dict[int, Codes16] = field(default_factory=dict)
 
     def next_scan(self, at: int) -> Scan | None:
         """Parse from the marker at `at` to the data of the next scan; None at the end of the picture.
@@ -303,7 +301,7 @@ class Segments(Frame):
                 self.known[index, k] = scan.low
 
 
-def decoding_table(counts: bytes, symbols: bytes) -> Table:
+def decoding_table(counts: bytes, symbols: bytes) -> Codes16:
     """(65536,) length · 256 + symbol, by the next 16 bits; 0 for an invalid code [T.81 annex C]."""
     lengths = np.repeat(np.arange(1, MAX_CODE_BITS + 1), list(counts.ljust(MAX_CODE_BITS, b"\0")))
     spans = 1 << (MAX_CODE_BITS - lengths)

@@ -15,10 +15,9 @@ a window, and l the unit direction of a line of colors.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Box, Floats
+from blurmatte.checks import Array, Box, Floats, Indices
 from blurmatte.color.evidence import SLACK
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.calibration import GRADE_LIMITS
@@ -43,9 +42,7 @@ class Mixtures:
     B: Array  #: (n, 3)
     V_C: Array  #: (n, 3)
     V_B: Array  #: (n, 3)
-    at: tuple[
-        npt.NDArray[np.intp], npt.NDArray[np.intp]
-    ]  #: rows and columns of the middles of the windows
+    at: tuple[Indices, Indices]  #: rows and columns of the middles of the windows
 
     @classmethod
     def of(cls, case: Case) -> "Mixtures":

@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, check_not_negative
+from blurmatte.checks import Array, Indices, check_not_negative
 from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.matting.averaging import MIN_WEIGHT
 from blurmatte.matting.calibration import GRADE_LIMITS
@@ -62,9 +61,7 @@ def streak_sums(
     )
 
 
-def mean_light(
-    maps: PixelMaps, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp], alpha: Array
-) -> Array | None:
+def mean_light(maps: PixelMaps, y: Indices, x: Indices, alpha: Array) -> Array | None:
     """(3,) light of the object over its alpha, both summed over the pixels of `known_alpha`.
 
     None if that alpha sums to nothing.
@@ -96,7 +93,7 @@ def with_mean_light(
     return replace(model, mean=mean, covariance=covariance)
 
 
-def known_alpha(maps: PixelMaps) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], Array]:
+def known_alpha(maps: PixelMaps) -> tuple[Indices, Indices, Array]:
     """Rows, columns and alpha (n,), 0 to 1, of pixels of the layer whose alpha and light are known."""
     unknown = Quality.OUTSIDE | Quality.PLATE_IN_MODEL
     y, x = np.nonzero((maps.alpha > 0) & ~has_flag(maps.quality, unknown))

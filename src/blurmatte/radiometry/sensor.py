@@ -7,17 +7,13 @@ where the object was.
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import AnyArray, Array, Direction, Floats
-
-Pattern = npt.NDArray[np.integer[Any]]
+from blurmatte.checks import AnyArray, Array, Direction, Floats, Ints
 
 
-def demosaic(mosaic: Floats, pattern: Pattern) -> Floats:
+def demosaic(mosaic: Floats, pattern: Ints) -> Floats:
     """Interpolate the missing colors of each pixel.
 
     mosaic (H, W): light of one color in each pixel; 2 x 2 pixels or more.
@@ -33,13 +29,13 @@ def demosaic(mosaic: Floats, pattern: Pattern) -> Floats:
     return rgb
 
 
-def sees_all_colors(pattern: Pattern) -> bool:
+def sees_all_colors(pattern: Ints) -> bool:
     """True if any 3 x 3 pixels contain all three colors."""
     seen = (np.tile(pattern == c, (3, 3)).astype(float) for c in range(3))
     return all(bool(_spread(color).min() > 0) for color in seen)
 
 
-def variance_shares(pattern: Pattern) -> Array:
+def variance_shares(pattern: Ints) -> Array:
     """(3,) mean noise variance of a color after `demosaic`, relative to that of a measured pixel.
 
     Demosaicing correlates the noise of neighbors: sums over several pixels have a larger variance than

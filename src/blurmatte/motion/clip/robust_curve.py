@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Indices
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, parts_of_tracks
 from blurmatte.motion.clip.smoothing import (
     MIN_OUTLIER_PROBABILITY,
@@ -253,9 +253,7 @@ class RobustCurve:
             logs[use, kind] = np.linalg.slogdet(S)[1]
         return chi2, logs
 
-    def _differences(
-        self, rows: Measurements, of: slice
-    ) -> tuple[npt.NDArray[np.intp], Array, Array]:
+    def _differences(self, rows: Measurements, of: slice) -> tuple[Indices, Array, Array]:
         """The rows that measured a kind, its differences from predictions, and their covariances."""
         use = np.flatnonzero(rows.weights[:, of.start, of.start])
         H, states = rows.H[use, of], self.states

@@ -27,10 +27,9 @@ from functools import cache, lru_cache
 from math import factorial
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Indices
 from blurmatte.compiling import njit
 from blurmatte.statistics import student_loss, student_weight
 
@@ -74,7 +73,7 @@ class Measurements:
         HW = np.einsum("kms,kmn->ksn", self.H, self.weights)
         return HW @ self.H, np.einsum("ksn,kn->ks", HW, self.y)
 
-    def taken(self, which: npt.NDArray[np.intp]) -> "Measurements":
+    def taken(self, which: Indices) -> "Measurements":
         """Some of them."""
         return Measurements(
             self.times[which], self.H[which], self.y[which], self.weights[which], self.axes

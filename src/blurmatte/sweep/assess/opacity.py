@@ -32,9 +32,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Array, Bools
+from blurmatte.checks import Array, Bools, Ints64
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.occlusion import occluded
@@ -332,7 +331,7 @@ def _moments(
 
 
 def _without_planes(
-    values: tuple[Array, ...], at: Array, block: npt.NDArray[np.int64]
+    values: tuple[Array, ...], at: Array, block: Ints64
 ) -> tuple[tuple[Array, ...], Array]:
     """Values (n, axes) less the best sum of `at` (n, 3) in each block; the part of noise that remains.
 

@@ -17,13 +17,11 @@ small pixels. Only path and color are damped, after the cells are eliminated und
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Bools, box_of, rows_columns
+from blurmatte.checks import Array, Bools, Ints, box_of, rows_columns
 from blurmatte.descent import distinct
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
@@ -35,8 +33,6 @@ from blurmatte.sweep.model.path import FROM_REST, LINE, PathFamily
 from blurmatte.sweep.model.silhouette import moments
 from blurmatte.sweep.model.state import State, state_at
 from blurmatte.sweep.model.student_t import VARIANCE, loss, student_weight
-
-Ints = npt.NDArray[np.integer[Any]]
 
 # Price of the rim, units of log likelihood for each pixel of its length
 _RIM_PRICE = 3.0
