@@ -33,6 +33,8 @@ def test_times_of_a_variable_rate_are_those_of_the_file(tmp_path):
     frames = read_frames(save_times(tmp_path / "a.mp4", ticks), REC709)
     assert_allclose(frames.times, ticks / 15360)
     assert_allclose([frame.meta.time for frame in frames[2:5]], ticks[2:5] / 15360)
+    assert frames.clip.timing.rate_varies
+    assert frames.clip.timing.duration == pytest.approx((4100 + 512) / 15360)
 
 
 def test_stamps_rounded_to_milliseconds_become_exact(tmp_path):
@@ -47,7 +49,10 @@ def test_stamps_rounded_to_milliseconds_become_exact(tmp_path):
 def test_first_frame_may_be_late(tmp_path):
     # exact
     path = save_times(tmp_path / "a.mkv", 15360 * 2 + 512 * np.arange(5))
-    assert_allclose(read_frames(path, REC709).times, 2 + np.arange(5) / 30, atol=1e-9)
+    frames = read_frames(path, REC709)
+    assert_allclose(frames.times, 2 + np.arange(5) / 30, atol=1e-9)
+    assert not frames.clip.timing.rate_varies
+    assert frames.clip.timing.duration == pytest.approx(5 / 30)
 
 
 @pytest.mark.parametrize("name", ["com.android.capture.fps", "captureFps"])

@@ -15,6 +15,7 @@ import blurmatte as bm
 from blurmatte.checks import Floats
 from blurmatte.cli.console import by, color_numbers, in_degrees, waiting
 from blurmatte.cli.selection import Reading
+from blurmatte.explain.clip import times_in_words
 from blurmatte.files.documents import DocumentError, json_kind, read_document, read_json
 from blurmatte.files.errors import format_of
 from blurmatte.files.models import MODEL, noise_to_mapping
@@ -23,7 +24,6 @@ from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.formats import EXR, Holds, format_at
 from blurmatte.motion.clip.steps import shots_of
 
-_MAX_UNEVEN = 0.01  # of intervals between frames, relative: stamps are rounded
 _MAX_LISTED = 8  # numbers of a row that are printed; a box has 4
 
 Description = tuple[Iterable[str], dict[str, Any]]  # lines for people, and the same as values
@@ -238,23 +238,20 @@ def _colors(space: str, white_balance: tuple[float, float, float] | None) -> str
 def _of_clip(path: Path, reading: Reading) -> Description:
     """A clip: its frames are counted, the first is decoded."""
     frames = bm.read_frames(path, reading.curve, reading.max_pixels)
-    clip, times = frames.clip, frames.times
+    clip = frames.clip
     if clip is None:
         raise bm.errors.FileError(f"{path}: give a clip; it is a picture")
-    steps = np.diff(times or ())
-    uneven = len(steps) > 0 and float(np.ptp(steps)) > _MAX_UNEVEN * float(np.median(steps))
-    start, last = (None, None) if times is None else (times[0], times[-1])
-    step = float(np.median(steps)) if len(steps) else 1 / frames.rate if frames.rate else None
-    duration = None if start is None or last is None or step is None else last - start + step
+    timing = clip.timing
+    start = None if timing.times is None else timing.times[0]
     numbers = {
         "kind": "clip",
         "frames": len(frames),
-        "undecodable_frames": clip.timing.lost,
+        "undecodable_frames": timing.lost,
         "size": clip.size,
         "rate": frames.rate,
-        "variable_rate": uneven,
+        "variable_rate": timing.rate_varies,
         "start": start,
-        "duration": duration,
+        "duration": timing.duration,
         "codec": clip.codec,
         "pixel_format": clip.pixel_format,
         "bits": clip.bits,
@@ -262,13 +259,9 @@ def _of_clip(path: Path, reading: Reading) -> Description:
         "transfer": clip.encoding.curves[0].name,
         "rotation": clip.rotation,
     }
-    lost = f", {clip.timing.lost} more cannot be decoded" if clip.timing.lost else ""
-    rate = "an unknown number" if frames.rate is None else f"{frames.rate:.5g}"
+    lost = f", {timing.lost} more cannot be decoded" if timing.lost else ""
     turned = f"; turned by {clip.rotation}°, which is applied" if clip.rotation else ""
-    taken = "times are not stated"
-    if duration is not None:
-        taken = f"{duration:.4g} s from {start:.4g} s on, {rate} frames a second"
-        taken += " on average: the rate varies" if uneven else ""
+    taken = times_in_words(start, timing.duration, frames.rate, timing.rate_varies)
     lines = [
         f"{path}: a clip of {len(frames)} frames{lost}, {by(clip.size)} pixels{turned}",
         f"time: {taken}",

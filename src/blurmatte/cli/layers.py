@@ -233,19 +233,18 @@ def _answer_of(
     sharp: bm.deblurring.Sharp, graded: list[str], frames: int, image: bm.LinearImage | None
 ) -> tuple[dict[str, Any], list[str]]:
     """Numbers and lines about an object; graded: the line about its grade, if it has one."""
-    from blurmatte.explain.motion import spin_in_words
+    from blurmatte.explain.motion import sharp_in_words, spin_in_words
 
+    misfit = None if image is None else sharp.misfit  # the noise of a layer is not known
+    std, length = float((sharp.node_std**2).mean() ** 0.5), sharp.sweeps[0].length
     numbers: dict[str, Any] = {
         "grade": graded[0] if graded else None,
         "frames": frames,
-        "color_std": float((sharp.node_std**2).mean() ** 0.5),
-        "misfit": None if image is None else sharp.misfit,  # the noise of a layer is not known
-        "path_length_px": sharp.sweeps[0].length,
+        "color_std": std,
+        "misfit": misfit,
+        "path_length_px": length,
     }
-    line = "{frames} sharp, color ± {color_std:.3f} of white, path {path_length_px:.1f} px"
-    if image is not None:
-        line += ", misfit {misfit:.2f} (1 is noise)"
-    lines = [*graded, line.format(**numbers)]
+    lines = [*graded, sharp_in_words(frames, std, length, misfit)]
     if sharp.spin is not None:
         time = None if image is None else image.meta.exposure_time
         numbers["spin"] = _numbers_of(sharp.spin, time)

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import blurmatte as bm
 from blurmatte.cli.console import about, warn
-from blurmatte.cli.selection import GUESSED, CameraReading, ObjectColor, Reading, Selection
+from blurmatte.cli.selection import GUESSED, CameraReading, ObjectColor, Selection
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ def solved(
     task: PictureOptions, path: Path, said: list[str]
 ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match, bm.Solution]:
     """One image, its matched plate, the match, and the solution, whose doubts are added to said."""
-    from blurmatte.explain.solution import doubts
+    from blurmatte.explain.solution import bent_light, doubts
 
     logging.getLogger("blurmatte").info("reading the picture")
     reading = task.selection.reading
@@ -83,7 +83,13 @@ def solved(
             occluder=hidden,
         )
     solution = replace(solution, stats=solution.stats.with_match(match))
-    for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, reading)]:
+    found = doubts(solution)
+    if reading.transfer is None:
+        fit = bm.sweep.transfer_fit.fit_of_doubted_curve(
+            C, matched, solution.streak, solution.sweep
+        )
+        found += [] if fit is None else [bent_light(fit.curves[0], fit.best)]
+    for doubt in found:
         said.append(f"{path}: {doubt.rstrip('.')}")
         warn(said[-1])
     return C, matched, match, solution
@@ -124,25 +130,3 @@ def naming_streaks(
         more = "".join(f"; {line}" for line in also_moved(boxes, len(others) - len(boxes)))
         where = f"The strongest is the streak in {as_region(first.box)} (X0,Y0,X1,Y1){more}"
         raise type(error)(f"{error}. {where}") from error
-
-
-def _curve_doubts(
-    image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, reading: Reading
-) -> list[str]:
-    """A warning if a disc of one color fits only with another transfer curve."""
-    curves = image.meta.transfer, plate.meta.transfer
-    alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if reading.transfer is not None or not alike or isinstance(plate, bm.background.PlateGuess):
-        return []
-    sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
-    if sweep is not None and sweep.model.rank == 1:
-        silhouette = sweep.silhouette
-        if silhouette.is_disc and not silhouette.has("rates"):
-            return []
-    fit = bm.sweep.fit_transfer(image, plate, bm.streaks.Streak(solution.streak))
-    if fit.best is fit.curves[0]:
-        return []
-    return [
-        f"light looks bent: with --transfer {fit.best.name} a disc of one color explains the streak, "
-        f"with {fit.curves[0].name} none does"
-    ]

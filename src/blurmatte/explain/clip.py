@@ -31,6 +31,17 @@ def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> lis
     return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}"]
 
 
+def times_in_words(
+    start: float | None, duration: float | None, rate: float | None, rate_varies: bool
+) -> str:
+    """When a clip was taken, seconds, and its frames per second; None is not known."""
+    if start is None or duration is None:
+        return "times are not stated"
+    frames = "an unknown number" if rate is None else f"{rate:.5g}"
+    varies = " on average: the rate varies" if rate_varies else ""
+    return f"{duration:.4g} s from {start:.4g} s on, {frames} frames a second{varies}"
+
+
 def saved_in_words(grades: Mapping[str, int], shots: Sequence[ClipShot], plates: int) -> list[str]:
     """Sentences about layers that were written: how many of each grade; numbers of shots and plates."""
     graded = ", ".join(f"{grades[grade]} {grade}" for grade in map(str, Grade) if grades.get(grade))

@@ -347,6 +347,12 @@ def spin_in_words(spin: Spin, exposure_time: float | None = None) -> str:
     return f"{text} ± {spin.axis_std_deg:.1f}°; {spin.ambiguity}"
 
 
+def sharp_in_words(frames: int, color_std: float, length: float, misfit: float | None) -> str:
+    """A line about sharp moments: errors of colors, length of the path, pixels, and misfit if known."""
+    line = f"{frames} sharp, color ± {color_std:.3f} of white, path {length:.1f} px"
+    return line if misfit is None else f"{line}, misfit {misfit:.2f} (1 is noise)"
+
+
 def _largest_source(what: str, parts: Mapping[str, float]) -> str:
     name = max(parts, key=lambda part: parts[part])
     if parts[name] == 0:

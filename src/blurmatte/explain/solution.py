@@ -18,7 +18,7 @@ from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary
 from blurmatte.matting.summary import Alternative
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, Transfer
 
 _MOST_BOXES = 5  # that are named
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
@@ -300,6 +300,14 @@ def doubts(solution: Solution) -> list[str]:
     said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
             if share > _MIN_FLAGGED_FRACTION]  # fmt: skip
     return _no_object(solution) or [*said, *_impossible(solution)]
+
+
+def bent_light(used: Transfer, better: Transfer) -> str:
+    """That pictures were decoded with a curve with which no disc of one color explains the streak."""
+    return (
+        f"light looks bent: with --transfer {better.name} a disc of one color explains the streak, "
+        f"with {used.name} none does"
+    )
 
 
 def _no_object(solution: Solution) -> list[str]:

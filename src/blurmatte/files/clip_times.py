@@ -18,6 +18,7 @@ import numpy as np
 from blurmatte.checks import Array, Ints64
 from blurmatte.errors import FileError, warn
 
+_MAX_UNEVEN = 0.01  # of intervals between frames, relative: stamps are rounded
 _MIN_MISSING_FRAMES = 2  # durations are rounded
 _MIN_MISSING_FRACTION = 0.02
 _MAX_LISTED = 5  # numbers of frames in a message
@@ -46,6 +47,21 @@ class Timing:
     def times(self) -> tuple[float, ...] | None:
         """Of the frames, seconds, in order; None if the file does not state them."""
         return tuple(self.seconds.tolist()) if len(self.seconds) else None
+
+    @property
+    def rate_varies(self) -> bool:
+        """Whether the times from frame to frame differ."""
+        steps = np.diff(self.seconds)
+        return len(steps) > 0 and float(np.ptp(steps)) > _MAX_UNEVEN * float(np.median(steps))
+
+    @property
+    def duration(self) -> float | None:
+        """From the first frame until the end of the last, seconds; None if it is not known."""
+        steps, usual = np.diff(self.seconds), 1 / self.rate if self.rate else None
+        step = float(np.median(steps)) if len(steps) else usual
+        if not len(self.seconds) or step is None:
+            return None
+        return float(self.seconds[-1] - self.seconds[0]) + step
 
     def number_after(self, number: int, frame: Any) -> int | None:
         """Number of the `VideoFrame` that is decoded after that of a number; None if it has none."""

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from blurmatte.background import PlateGuess
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Array, check_kind
+from blurmatte.checks import Array, Bools, check_kind
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, check_picture, gamma
 from blurmatte.radiometry.transfer import TRANSFER_HINT
@@ -22,6 +23,7 @@ from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
+from blurmatte.sweep.sweep import Sweep
 
 CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
 UNSTATED_CURVES = REC709, SRGB, gamma(2.2)  # of clips and pictures that state none
@@ -125,6 +127,25 @@ def fit_transfer(
             pictures = size.pictures(*pictures, streak, measured=True)
         left.append(_inflation_of_one_color(fitted, *pictures))
     return TransferFit(tried, left)
+
+
+def fit_of_doubted_curve(
+    image: LinearImage, plate: LinearImage, moved: Bools, sweep: Sweep | None
+) -> TransferFit | None:
+    """The fit of curves if a disc of one color explains a streak, but not with that of the pictures.
+
+    None if a sweep that was accepted is such a disc, before a guess, and for pictures of two curves.
+    """
+    curves = image.meta.transfer, plate.meta.transfer
+    alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
+    if not alike or isinstance(plate, PlateGuess):
+        return None
+    accepted = None if sweep is None or sweep.rejection else sweep
+    shape = accepted.silhouette if accepted is not None and accepted.model.rank == 1 else None
+    if shape is not None and shape.is_disc and not shape.has("rates"):
+        return None
+    fit = fit_transfer(image, plate, Streak(moved))
+    return None if fit.best is fit.curves[0] else fit
 
 
 def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearImage) -> float:
