@@ -32,6 +32,8 @@ from blurmatte.sweep.model.path import CUBIC
 from blurmatte.sweep.model.silhouette import as_silhouette
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
+Names = tuple[str, ...]  # of parameters of a shape
+
 # Settings of the search for other motions.
 _RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
 _MAX_STEPS = 20  # of a refinement from another motion
@@ -94,7 +96,7 @@ class _Start:
     """
 
     sweep: Sweep
-    held: list[int]
+    held: Names
     log_evidence: float
     expected: float
 
@@ -126,8 +128,8 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
         return sweep
     best, held, before = max(found, key=lambda one: one[0].log_evidence)
     wider = np.full(len(best.sweep.covariance), _KEPT_INFORMATION**-0.5)
-    for k in held:
-        wider[k] = np.sqrt(before.covariance[k, k] / best.sweep.covariance[k, k])
+    ratio = _variances(before, held) / _variances(best.sweep, held)
+    wider[_positions(best.sweep, held)] = np.sqrt(ratio)
     return replace(
         best.sweep,
         covariance=best.sweep.covariance * wider * wider[:, None],
@@ -137,7 +139,7 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
 
 def _searched(
     coarse: _BlockPicture, fine: _BlockPicture, start: _Start
-) -> tuple[_RefinedSweep, list[int]]:
+) -> tuple[_RefinedSweep, Names]:
     """The likeliest motion on a path of the start's family, and the parameters that were held."""
     sweep, held = start.sweep, start.held
     steady = _wide(sweep, held, grows=False)
@@ -148,7 +150,7 @@ def _searched(
             found.append(_refined([coarse, fine], [_wide(sweep, held, grows=True)]))
     best = max(found, key=lambda one: one.log_evidence)
     if best.misfit > 1:  # a shape of another size may hide what is wrong: a spin, or a shadow
-        held = list(range(len(sweep.path), len(sweep.covariance)))
+        held = sweep.silhouette.names
         starts = _scaled(_wide(sweep, held, sweep.silhouette.has("rates")))
         best = _refined([coarse, fine], starts)
     return best, held
@@ -163,9 +165,7 @@ def _on_cubic(sweep: Sweep) -> Sweep:
     return replace(sweep, family=CUBIC, path=path, covariance=covariance)
 
 
-def _grown(
-    levels: list[_BlockPicture], starts: list[Sweep], held: list[int]
-) -> list[_RefinedSweep]:
+def _grown(levels: list[_BlockPicture], starts: list[Sweep], held: Names) -> list[_RefinedSweep]:
     """The likeliest motion from some starts, and for a disc one that grows."""
     found = [_refined(levels, starts)]
     if starts[0].silhouette.is_disc:
@@ -201,17 +201,27 @@ def _scaled(sweep: Sweep) -> list[Sweep]:
     return found
 
 
-def _held(view: View, sweep: Sweep) -> list[int]:
-    """Indices of the parameters that the fit knows better than light of any color in coarse pictures.
+def _held(view: View, sweep: Sweep) -> Names:
+    """The parameters of the shape that the fit knows better than light of any color in coarse pictures.
 
     The blur of the rim; and the radius, if the fit knows the colors or the file blurs them: at the rim
     light of any color may be that of the plate.
     """
-    soft = [-1] if sweep.silhouette.has("blur") else []
-    return soft if sweep.model.rank == 3 and view.stored is None else [len(sweep.path), *soft]
+    return ("blur",) if sweep.model.rank == 3 and view.stored is None else ("radius", "blur")
 
 
-def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
+def _positions(sweep: Sweep, names: Names) -> list[int]:
+    """Where the parameters of these names are that the shape has, among all of the sweep."""
+    n, known = len(sweep.path), sweep.silhouette.names
+    return [n + k for k, name in enumerate(known) if name in names]
+
+
+def _variances(sweep: Sweep, names: Names) -> Array:
+    """Variances of the parameters of the shape that have these names."""
+    return np.diag(sweep.covariance)[_positions(sweep, names)]
+
+
+def _wide(sweep: Sweep, held: Names, grows: bool) -> Sweep:
     """The sweep with a wide prior: its path is known to a radius. Discs grow or do not.
 
     Objects move in any direction, with a focal length of at least the picture's size: the growth of one
@@ -221,8 +231,7 @@ def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
     points = 2 * (n // 2)  # pixels; a departure is a fraction of the exposure
     wider = np.full(len(sweep.covariance), sweep.radius)
     wider /= np.sqrt(max(np.diag(sweep.covariance)[:points].max(), 1e-9))
-    for k in held:
-        wider[k] = _HELD_STD_PX / np.sqrt(sweep.covariance[k, k])
+    wider[_positions(sweep, held)] = _HELD_STD_PX / np.sqrt(_variances(sweep, held))
     covariance = sweep.covariance * wider * wider[:, None]
     if not silhouette.is_disc or silhouette.has("rates") == grows:
         return replace(sweep, covariance=covariance)

@@ -316,7 +316,8 @@ class Sweep:
             variance += (self.opacity_std * self.covered_within(box)) ** 2
         left_out = self.silhouette.left_out(self.shape)
         if left_out > 0:
-            wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
+            wider = self.shape.copy()
+            wider[self.silhouette.at("radius")] += left_out
             variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
         return swept.alpha, np.sqrt(variance)
 
@@ -413,7 +414,8 @@ class Sweep:
         """
         if self.cast is None:
             return plate
-        S = self.cast.missing(self.family, self.path, self.shape[0], Pixels.of_box(box))
+        radius = self.silhouette.value("radius", self.shape)
+        S = self.cast.missing(self.family, self.path, radius, Pixels.of_box(box))
         shaded = self.cast.on(np.asarray(plate.rgb, float), S, self.alpha_within(box))
         return replace(plate.with_noise(plate.variance), rgb=shaded.astype(plate.rgb.dtype))
 

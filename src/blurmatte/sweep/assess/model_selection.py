@@ -253,7 +253,7 @@ def _seen_with(observation: Observation, sweep: Sweep) -> tuple[Observation, Arr
     alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, observation.pixels).alpha
     if sweep.cast is None:
         return observation, alpha
-    radius = float(sweep.shape[0])
+    radius = sweep.silhouette.value("radius", sweep.shape)
     S = sweep.cast.missing(sweep.family, sweep.path, radius, observation.pixels)
     return replace(observation, B=sweep.cast.on(observation.B, S, alpha)), alpha
 

@@ -57,7 +57,7 @@ def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     mean, variance = 1 / 2, UNIFORM_VARIANCE  # of φ before the fit: uniform from 0 to 1
     fraction = np.clip((mean / variance - score) / (1 / variance + known), 0, 1)
     step = fraction * d
-    n, r = len(sweep.path), sweep.shape[0]
+    n, r = len(sweep.path), sweep.silhouette.value("radius", sweep.shape)
     shape = sweep.silhouette.possible(sweep.shape + step[n:], (r / 2, 2 * r))
     covariance = sweep.covariance + variance * np.outer(d, d)
     return replace(sweep, path=sweep.path + step[:n], shape=shape, covariance=covariance)

@@ -176,7 +176,7 @@ def stretched(disc: State, best: State) -> Iterable[State]:
         if (ends[1] - ends[0] + 2 * out) @ direction <= 0:
             continue
         shape = silhouette.like(disc.silhouette, disc.shape)
-        shape[0] = radius * np.sqrt(ratio)
+        shape[silhouette.at("radius")] = radius * np.sqrt(ratio)
         shape[silhouette.at("stretch")] = (
             0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
         )
@@ -193,7 +193,7 @@ def crosswise(disc: State, best: State) -> Iterable[State]:
     length = width + np.sqrt(3 * variances[1])
     angle, stretch = np.arctan2(axes[1, 1], axes[0, 1]), 0.5 * np.log(length / width)
     shape = silhouette.like(disc.silhouette, disc.shape)
-    shape[0] = 0.85 * np.sqrt(length * width)
+    shape[silhouette.at("radius")] = 0.85 * np.sqrt(length * width)
     shape[silhouette.at("stretch")] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
     for axis in axes.T:
         path = LINE.starts(middle + np.linspace(-0.4, 0.4, 33)[:, None] * width * axis)[0]

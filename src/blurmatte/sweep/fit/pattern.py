@@ -216,9 +216,12 @@ class _PatternFit:
         return self.state.silhouette.has("blur") and len(self.patterns) == 1
 
     @property
-    def _count(self) -> int:
-        """Of the free parameters; the blur is the last."""
-        return len(self.parameters) - self.holds_blur
+    def _free(self) -> Bools:
+        """(p,) which parameters are fitted."""
+        free = np.ones(len(self.parameters), bool)
+        if self.holds_blur:
+            free[len(self.state.path) :][self.state.silhouette.at("blur")] = False
+        return free
 
     @property
     def fitted(self) -> "_PatternFit":
@@ -231,8 +234,9 @@ class _PatternFit:
     def with_sharp_rim(self) -> "_PatternFit":
         """The likeliest fit of this order with the least blur."""
         known, n = self.state.silhouette, len(self.state.path)
-        sharp = known.possible(np.append(self.parameters[n:-1], 0.0), self.bounds)
-        parameters = np.concatenate([self.parameters[:n], sharp])
+        parameters = self.parameters.copy()
+        parameters[n:][known.at("blur")] = 0.0
+        parameters[n:] = known.possible(parameters[n:], self.bounds)
         return _PatternFit.of(self.state, self.bounds, parameters, self.order).fitted
 
     def moved(self, step: Array) -> "_PatternFit":
@@ -240,7 +244,7 @@ class _PatternFit:
         state, n = self.state, len(self.state.path)
         most = _MAX_MOVE * state.radius
         parameters = self.parameters.copy()
-        parameters[: self._count] += step / max(np.abs(step).max() / most, 1)
+        parameters[self._free] += step / max(np.abs(step).max() / most, 1)
         parameters[n:] = state.silhouette.possible(parameters[n:], self.bounds)
         S = _swept(state, self.use, self.order, parameters)
         seen = state.observation.weight[self.use]
@@ -261,14 +265,15 @@ class _PatternFit:
 
         The patterns are integrated out.
         """
-        count = self._count
+        free = self._free
+        count = np.count_nonzero(free)
         H, g = np.zeros((count, count)), np.zeros(count)
         for k, pattern in enumerate(self.patterns):
             root = np.sqrt(pattern.weights)
             C, B, _, _ = self.light[:, k]
             light = (1 - self.swept[:, 0]) * B + self.swept @ pattern.coefficients
             e = root * (C - light)
-            J = root[:, None] * self._by_parameters(k)[:, :count]
+            J = root[:, None] * np.compress(free, self._by_parameters(k), axis=1)
             S = root[:, None] * self.swept
             cross, prior = S.T @ J, np.diag(pattern.prior_std**-2)
             explained = np.linalg.solve(S.T @ S + prior, cross)
@@ -287,8 +292,8 @@ class _PatternFit:
         blocks = (mean_of_blocks(e, self.use, size, channels) for size in CORRELATED_PX)
         inflation = max(1.0, *blocks) * VARIANCE
         H, _ = self.information()
-        covariance, count = np.zeros(2 * self.parameters.shape), self._count
-        covariance[:count, :count] = inflation * np.linalg.pinv(H, hermitian=True)
+        covariance, free = np.zeros(2 * self.parameters.shape), self._free
+        covariance[np.ix_(free, free)] = inflation * np.linalg.pinv(H, hermitian=True)
         return covariance
 
     def in_picture(self, e: Array) -> Array:
@@ -344,7 +349,8 @@ def _disc(state: State, parameters: Array) -> tuple[Array, Array, Array, float, 
     t, weights = moments(state.family, path, pixels.scale, soft=soft)
     xy, by_path = state.family.at(path, t)
     xy = (xy - pixels.origin) / pixels.scale
-    return xy, by_path, weights, float(shape[0]) / pixels.scale, soft
+    radius = state.silhouette.value("radius", shape)
+    return xy, by_path, weights, radius / pixels.scale, soft
 
 
 def _likeliest(

@@ -150,7 +150,8 @@ class MotionPrior:
     def _linear(self, family: PathFamily, path: Array, shape: Array) -> tuple[Array, Array, Array]:
         """Residual, its derivatives by path and shape, and the precision of the prior."""
         size = len(path) + len(shape)
-        residual, J = np.array([shape[0] - self.radius]), np.zeros((1, size))
+        radius = shape[0]  # the first parameter of every `Shape`
+        residual, J = np.array([radius - self.radius]), np.zeros((1, size))
         J[0, len(path)] = 1
         precision = np.array([[self.radius_std**-2]])
         if self.path is not None:

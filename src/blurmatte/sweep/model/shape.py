@@ -91,6 +91,10 @@ class Shape(ABC):
         first = self.names.index(name) if name in self.names else self.size
         return slice(first, first + self.names.count(name))
 
+    def value(self, name: str, shape: Array) -> float:
+        """The parameter of this name that it has, the first if there are several."""
+        return float(shape[self.names.index(name)])
+
     @abstractmethod
     def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
         """Alpha of a shape that moves along a path, which may leave the pixels.
@@ -112,11 +116,11 @@ class Shape(ABC):
 
     def radius(self, shape: Array) -> float:
         """Its size, pixels; of a flat shape the radius of the disc of the same area."""
-        return float(shape[0])
+        return self.value("radius", shape)
 
     def softness(self, shape: Array) -> float:
         """Standard deviation of the rim's blur, pixels; 0 if it is sharp."""
-        return float(shape[-1]) if self.has("blur") else 0.0
+        return self.value("blur", shape) if self.has("blur") else 0.0
 
     def is_length(self) -> list[bool]:
         """(m,) which parameters are in pixels."""
@@ -180,7 +184,7 @@ class FlatShape(Shape):
 
     def like(self, other: Shape, shape: Array) -> Array:
         """Parameters (m,) of the shape of another kind; those that this one lacks are dropped."""
-        mine = self.start(float(shape[0]))
+        mine = self.start(other.value("radius", shape))
         for name in dict.fromkeys(self.names):
             to, known = self.at(name), shape[other.at(name)]
             count = min(len(known), to.stop - to.start)
@@ -202,7 +206,7 @@ class FlatShape(Shape):
 
     def radius_slope(self, shape: Array) -> Array:
         """(m,) derivatives of the radius by the parameters."""
-        step = _RADIUS_STEP * shape[0] * np.eye(len(shape))
+        step = _RADIUS_STEP * self.value("radius", shape) * np.eye(len(shape))
         radius = self.radius
         return np.array([(radius(shape + d) - radius(shape - d)) / (2 * d.sum()) for d in step])
 

@@ -136,7 +136,7 @@ class Silhouette(FlatShape):
         if self.soft:
             lens = _MAX_LENS_BLUR * near[0]
             largest = max(MAX_FILE_BLUR_PX, lens)
-            near[-1] = np.clip(shape[-1], _MIN_BLUR_PX, largest)
+            near[self.at("blur")] = np.clip(self.softness(shape), _MIN_BLUR_PX, largest)
         return near
 
     def extreme(self, shape: Array) -> bool:

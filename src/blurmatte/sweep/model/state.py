@@ -43,8 +43,8 @@ class State:
 
     @property
     def radius(self) -> float:
-        """The first parameter of the shape, pixels: its size."""
-        return float(self.shape[0])
+        """The parameter of the shape that is its size, pixels."""
+        return self.silhouette.value("radius", self.shape)
 
     @property
     def curve(self) -> Array:
