@@ -175,10 +175,9 @@ def test_accepts_iterators():
     assert measure_noise(iter(pictures)).sensor == measure_noise(pictures).sensor
 
 
-def test_large_pictures_are_sampled(monkeypatch):
+def test_large_pictures_are_sampled():
     """Oracle: all of the picture."""
-    monkeypatch.setattr("blurmatte.calibration.noise_samples._MAX_PIXELS", 40_000)
-    sample = noise_of_frames(frames(TEXTURE, 6), None)
+    sample = noise_of_frames(frames(TEXTURE, 6), None, max_pixels=40_000)
     assert sample.light.size < 0.6 * TEXTURE.size
     check(_fitted(sample)[0], bar=0.1)
 

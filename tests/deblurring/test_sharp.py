@@ -281,10 +281,9 @@ def test_a_rejected_sweep_is_warned_of(ball):
         bm.deblur(ball.image, ball.plate, rejected, refine=False)
 
 
-def test_large_curved_objects_get_a_coarser_lattice(ball, monkeypatch):
+def test_large_curved_objects_get_a_coarser_lattice(ball):
     view = View.of(*with_noise(ball.image, ball.plate), ball.sweep, None)
-    monkeypatch.setattr("blurmatte.deblurring.sharp._MAX_WORK", 1e4)
-    coarse = affordable([view])
+    coarse = affordable([view], max_work=1e4)
     assert coarse.pitch > 1.2
     assert coarse.size < Lattice.of(ball.sweep).size
 

@@ -63,14 +63,16 @@ class Sample:
     rounding: NoiseModel  # noise of rounding to these steps
 
 
-def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sample:
-    """Differences of successive frames; see `measure_noise`."""
+def noise_of_frames(
+    frames: Iterable[LinearImage], still: Bools | None, max_pixels: float = _MAX_PIXELS
+) -> Sample:
+    """Differences of successive frames, of some pixels of large ones; see `measure_noise`."""
     several = iter(frames)
     first = next(several, None)
     if first is None:
         raise ValueError("frames must be two or more pictures of a still scene, got none")
     check_picture("frame 1", first)
-    rows = rows_to_measure(first)
+    rows = rows_to_measure(first, max_pixels)
     if still is not None:
         still = check_map("still", still, first.valid.shape, kinds="b")
     use = _unclipped(first, rows) & (True if still is None else still[rows][..., None])
@@ -154,9 +156,9 @@ def parts_by_light(light: Floats, each: int) -> list[Indices]:
     return np.array_split(np.argsort(light, kind="stable"), count)
 
 
-def rows_to_measure(picture: LinearImage) -> Rows:
+def rows_to_measure(picture: LinearImage, max_pixels: float = _MAX_PIXELS) -> Rows:
     """Rows to sample: all, or of pictures with more pixels bands spread over them."""
-    every = int(np.ceil(picture.valid.size / _MAX_PIXELS))
+    every = int(np.ceil(picture.valid.size / max_pixels))
     row = np.arange(len(picture.valid))
     return slice(None) if every == 1 else np.flatnonzero(row // _BAND_ROWS % every == 0)
 

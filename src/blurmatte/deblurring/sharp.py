@@ -338,8 +338,8 @@ def _warn_if_doubtful(sharp: Sharp, doubt: str) -> None:
         warn(reason)
 
 
-def affordable(views: Sequence[View]) -> Lattice:
-    """A lattice of one pixel, or a coarser one if its Cholesky factors would need too much work.
+def affordable(views: Sequence[View], max_work: float = _MAX_WORK) -> Lattice:
+    """A lattice of one pixel, or a coarser one if a Cholesky factor would need more operations.
 
     A band of n nodes costs n b² operations, and both n and b are inverse to the pitch squared: large
     objects on curved paths, whose bands are wide, get a coarser lattice.
@@ -349,9 +349,9 @@ def affordable(views: Sequence[View]) -> Lattice:
     blurs = [view.blur(lattice, count) for view, count in zip(views, counts, strict=True)]
     width = max(bandwidth(blur.A, lattice) for blur in blurs)
     work = lattice.size * float(width) ** 2
-    if work <= _MAX_WORK:
+    if work <= max_work:
         return lattice
-    return Lattice.of(views[0].sweep, (work / _MAX_WORK) ** (1 / 6))
+    return Lattice.of(views[0].sweep, (work / max_work) ** (1 / 6))
 
 
 def deblur_solution(solution: Solution) -> Sharp:

@@ -25,7 +25,7 @@ CELL = 2  # pixels: half resolution
 
 # Thresholds of the differences, and the boxes around what moved.
 _BLOCK_CELLS = BLOCK // CELL
-_STRIP_CELLS = 256  # rows that are compared at a time, of all samples: whole blocks
+_STRIP_CELLS = 256  # rows that are compared at a time
 _MAX_STD = 5.0  # of d without motion
 _MIN_CELL_CODES = 3.0  # |d|: video rounds a block up or down by a few codes
 _MIN_BLOCK_CODES = 1.5  # the same of a mean over a block
@@ -53,12 +53,17 @@ class Gate:
 
     @classmethod
     def of(
-        cls, plate: CodedFrame, samples: Iterable[CodedFrame], hidden: Bools | None = None
+        cls,
+        plate: CodedFrame,
+        samples: Iterable[CodedFrame],
+        hidden: Bools | None = None,
+        strip: int = _STRIP_CELLS,
     ) -> "Gate":
         """The gate of a plate in the code values of frames.
 
         samples: frames of which most show the plate at each place, about a dozen.
         hidden (H, W): where changes are no motion.
+        strip: rows of cells that are compared at a time, of all samples: whole blocks.
         """
         block = _BLOCK_CELLS
         padded = _padded(plate.planes)
@@ -75,7 +80,8 @@ class Gate:
         for c, cells in enumerate(expected):  # one at a time saves memory
             stds: tuple[list[Floats32], list[Floats32]] = [], []
             side = len(padded[c]) // len(cells)
-            for rows in _strips(len(cells), len(few)):
+            # Few frames share one median of the whole picture.
+            for rows in _strips(len(cells), len(cells) if len(few) < _MIN_SAMPLES else strip):
                 own, part = slice(side * rows.start, side * rows.stop), cells[rows]
                 shown = ((_summed(p[c][own], part.shape, plate.zero[c]), gain) for p, gain in few)
                 d = np.stack([summed - gain * part for summed, gain in shown])
@@ -196,9 +202,8 @@ def _gain(plane: npt.NDArray[np.generic], zero: float, expected: Floats32) -> fl
     return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
 
 
-def _strips(height: int, samples: int) -> Iterator[slice]:
-    """Rows that are compared at a time: few frames share one median of the whole picture."""
-    rows = height if samples < _MIN_SAMPLES else _STRIP_CELLS
+def _strips(height: int, rows: int) -> Iterator[slice]:
+    """Strips of so many rows; the last may have fewer."""
     return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
 
 

@@ -9,7 +9,7 @@ MODEL = ColorModel(
 )
 
 
-def test_filter_made_in_strips_is_that_of_the_whole_picture(monkeypatch):
+def test_filter_made_in_strips_is_that_of_the_whole_picture():
     # exact
     rng = np.random.default_rng(0)
     light = rng.uniform(0.1, 0.9, (130, 41, 3)).astype(np.float32)
@@ -19,8 +19,7 @@ def test_filter_made_in_strips_is_that_of_the_whole_picture(monkeypatch):
         light + rng.normal(0, 0.05, light.shape).astype(np.float32), NoiseModel(read_std=0.02)
     )
     whole = MatchedFilter.of(plate, image.crop, MODEL)
-    monkeypatch.setattr("blurmatte.motion.clip.matched_filter._STRIP_ROWS", 8)
-    strips = MatchedFilter.of(plate, image.crop, MODEL)
+    strips = MatchedFilter.of(plate, image.crop, MODEL, strip=8)
     assert np.array_equal(whole.weight, strips.weight)
     assert np.array_equal(whole.std, strips.std)
     assert whole.inflation == strips.inflation > 1

@@ -22,7 +22,7 @@ _MIN_STRENGTH_FRACTION = 0.1  # of a part's own: less is a reflection, or coding
 _MIN_AREA_PX = 25
 _CLOSING_PX = 3  # gaps where the plate has the object's own color
 _MARGIN_PX = 4  # where the edge fades below the noise
-_STRIP_ROWS = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
+_STRIP_ROWS = 256  # that are filtered at a time
 _TRUNCATION_STD = 4.0  # standard deviations at which SciPy truncates a Gaussian
 
 
@@ -51,11 +51,18 @@ class MatchedFilter:
 
     @classmethod
     def of(
-        cls, plate: LinearImage, image_in: Callable[[Box], LinearImage], model: ColorModel
+        cls,
+        plate: LinearImage,
+        image_in: Callable[[Box], LinearImage],
+        model: ColorModel,
+        strip: int = _STRIP_ROWS,
     ) -> "MatchedFilter":
-        """For frames with the noise of an image, which is given in boxes; strips save memory."""
+        """For frames with the noise of an image, which is given in boxes; strips save memory.
+
+        strip: rows that are filtered at a time, a multiple of 4, the grid of the noise.
+        """
         weight = np.empty(plate.valid.shape, np.float32)
-        for rows, box, _ in _strips(plate.size, 0):
+        for rows, box, _ in _strips(plate.size, strip, 0):
             part = plate.crop(box)
             weight[rows] = projection_weights(image_in(box), part, projection_vectors(part, model))
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
@@ -65,7 +72,7 @@ class MatchedFilter:
         std[std == 0] = np.inf  # far from known pixels
         white = cls(plate, model, weight, std)
         strengths, margin = [], int(_TRUNCATION_STD * _SMOOTHING_PX + 0.5)
-        for _, box, inner in _strips(plate.size, margin):
+        for _, box, inner in _strips(plate.size, strip, margin):
             there = white.within(box)
             strength = there._strength(there._light(image_in(box)))
             strengths.append(np.abs(strength[inner][::4, ::4]))
@@ -112,9 +119,9 @@ class MatchedFilter:
         return parts
 
 
-def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, slice]]:
+def _strips(size: tuple[int, int], rows: int, margin: int) -> Iterator[tuple[slice, Box, slice]]:
     """Strips of some rows, boxes with a margin of rows around them, and their rows in the boxes."""
-    (width, height), rows = size, _STRIP_ROWS
+    width, height = size
     for top in range(0, height, rows):
         end, first = min(top + rows, height), max(top - margin, 0)
         inner = slice(top - first, end - first)
