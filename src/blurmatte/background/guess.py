@@ -60,6 +60,8 @@ _MARGIN_FACTOR = 1.5
 _MAX_GRAINS = 250_000  # of a window: cells of texture that is drawn
 _TILE_PX = 16  # width of tiles in which noise is measured
 _LEVELS = 4  # of light, and of how even tiles are
+# Part of the variance of a channel that others do not predict; it is more in demosaicked noise
+_MAX_OWN_OF_TEXTURE = 0.25
 _COVARIANCES = 12  # of each axis, that are averaged
 _MIN_VARIANCE = 1e-12  # light²: of 32-bit floats
 # Standard deviation of a smooth guess over its light, a third of what a soft shadow takes
@@ -227,15 +229,36 @@ def _too_little() -> PlateError:
 
 
 def noise_around(image: LinearImage, region: Bools) -> NoiseModel:
-    """Noise of the image where the scene is seen, at least that of rounding."""
+    """Noise of the image where the scene is seen, at least that of rounding.
+
+    The finest texture, such as grass, is everywhere in its surroundings. If it has one hue, channels
+    share it, which they do not share noise.
+    """
     if isinstance(image.noise, NoiseModel):
         return image.noise
-    least = rounding_noise(image)
+    least, even = rounding_noise(image), _even(image, ~region & image.valid)
     try:
-        found = measure_noise_within(image, _even(image, ~region & image.valid)).noise
+        found = measure_noise_within(image, even).noise
     except NoiseError:
         return least
-    return NoiseModel.from_coefficients(np.maximum(found.coefficients, least.coefficients))
+    own = _own_fraction(image, even)[:, None]
+    return NoiseModel.from_coefficients(np.maximum(own * found.coefficients, least.coefficients))
+
+
+def _own_fraction(image: LinearImage, use: Bools) -> Array:
+    """(3,) parts of the variance of the finest light that the other channels do not predict.
+
+    They are 1 where demosaicking may have made noise common, or a file its chroma coarser.
+    """
+    if image.meta.subsampled or image.meta.compression is not None or are_gray(image, image):
+        return np.ones(3)
+    light = np.asarray(image.rgb, float)
+    finest = light - scipy.ndimage.uniform_filter(light, (3, 3, 1))
+    covariance = np.cov(finest[use].T)
+    own = 1 / np.maximum(
+        np.diag(np.linalg.pinv(covariance, hermitian=True)) * np.diag(covariance), 1
+    )
+    return np.where(own < _MAX_OWN_OF_TEXTURE, own, 1.0)
 
 
 def _even(image: LinearImage, seen: Bools) -> Bools:
