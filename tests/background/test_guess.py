@@ -6,8 +6,9 @@ import scipy
 from numpy.testing import assert_array_equal
 
 from blurmatte.background import PlateGuess, guess_plate, regions_that_stand_out
+from blurmatte.background.guess import noise_around
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, Meta
 
 NOISE = 0.004
 REGION = np.zeros((72, 96), bool)
@@ -185,6 +186,42 @@ def test_object_before_a_wall_that_ends_at_a_floor_is_proposed_alone(radius, hal
     reach = radius + half_length
     assert 0 < x0 <= 140 - reach < 140 + reach < x1 < 320
     assert 0 < y0 <= 95 - radius < 95 + radius < y1 < 185
+
+
+def grass(seed, texture=0.05, common=0.0):
+    """(H, W, 3) fine texture of one hue and noise of variance 1e-4, a part of which is common."""
+    rng, shape = np.random.default_rng(seed), (120, 160)
+    light = 0.4 + rng.normal(0, texture, shape)
+    noise = np.sqrt(1 - common) * rng.normal(0, 0.01, (*shape, 3))
+    noise += np.sqrt(common) * rng.normal(0, 0.01, (*shape, 1))
+    return light[..., None] * [0.7, 1.0, 0.4] + noise
+
+
+def noise_of(light, **meta):
+    """Mean variance of each channel."""
+    image = LinearImage(light.astype(np.float32), meta=Meta(**meta))
+    region = np.zeros(light.shape[:2], bool)
+    region[50:70, 60:100] = True
+    return noise_around(image, region).variance(image.rgb).mean(axis=(0, 1))
+
+
+def test_texture_that_channels_share_is_not_taken_for_noise():
+    """oracle: in a lossless file it is what the others do not predict, for they have noise as well."""
+    shares = np.square([0.7, 1.0, 0.4])
+    by_others = shares / (shares.sum() - shares)
+    np.testing.assert_allclose(noise_of(grass(1)), 1e-4 * (1 + by_others), rtol=0.15)
+
+
+def test_noise_that_demosaicking_makes_common_stays_noise():
+    """honest."""
+    found = noise_of(grass(2, texture=0, common=0.5))
+    assert np.all((found > 0.7e-4) & (found < 1.3e-4))
+
+
+def test_common_texture_of_a_file_with_coarse_chroma_stays_noise():
+    """invariant: there all noise is common."""
+    light = grass(4)
+    assert np.all(noise_of(light, subsampled=True) > 4 * noise_of(light))
 
 
 def test_surroundings_of_one_row_of_cells_are_too_little():

@@ -60,7 +60,7 @@ _MARGIN_FACTOR = 1.5
 _MAX_GRAINS = 250_000  # of a window: cells of texture that is drawn
 _TILE_PX = 16  # width of tiles in which noise is measured
 _LEVELS = 4  # of light, and of how even tiles are
-# Part of the variance of a channel that others do not predict; it is more in demosaicked noise
+# Least part of the variance of a channel that others do not predict; it is more in demosaicked noise
 _MAX_OWN_OF_TEXTURE = 0.25
 _COVARIANCES = 12  # of each axis, that are averaged
 _MIN_VARIANCE = 1e-12  # light²: of 32-bit floats
@@ -258,7 +258,7 @@ def _own_fraction(image: LinearImage, use: Bools) -> Array:
     own = 1 / np.maximum(
         np.diag(np.linalg.pinv(covariance, hermitian=True)) * np.diag(covariance), 1
     )
-    return np.where(own < _MAX_OWN_OF_TEXTURE, own, 1.0)
+    return own if own.min() < _MAX_OWN_OF_TEXTURE else np.ones(3)
 
 
 def _even(image: LinearImage, seen: Bools) -> Bools:
