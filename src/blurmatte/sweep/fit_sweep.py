@@ -355,7 +355,9 @@ def _in_light(
         both = [found.best_evidence(one) for one in (observation, in_light)]
         if hypothesis_weights([both[0], with_light(both[1])])[1] < 0.5:
             return []
-    others = task.candidates(lighting.on(found.plate), rest)
+    # That light holds the shadow of the object.
+    shapes = [one for one in task.hypotheses if not one.changes_plate]
+    others = replace(task, hypotheses=shapes).candidates(lighting.on(found.plate), rest)
     other = others.as_fitted
     if not lighting.is_possible(other.best.alpha):
         return []
