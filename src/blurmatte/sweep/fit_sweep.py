@@ -278,8 +278,7 @@ class _Task:
             opacity = _opacity_of(solid.likeliest.state)
             thin = _likelier_thin(solid, state, seen_through, opacity)
             if thin is None:
-                spread = float(np.hypot(opacity.std, 1 - opacity.value))
-                return solid.with_opacity_errors(spread, opacity.even_std)
+                return solid.with_opacity_errors(opacity.solid_std, opacity.even_std)
             state = thin
         hides = _opacity_of(_seen_through(state, search.bounds))
         if hides.value > 0:

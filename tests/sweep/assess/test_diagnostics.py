@@ -17,18 +17,21 @@ from tests.sweep.scenes import (
     RED,
     disc_at,
     observed,
+    photographed,
 )
 
+from blurmatte.files.models import sweep_from_json, sweep_to_json
 from blurmatte.rendering import Ball
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.pose import Change
-from blurmatte.sweep.assess.diagnostics import diagnosed
+from blurmatte.sweep.assess.diagnostics import diagnosed, sweep_of
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.ranking import (
     Candidate,
     residual_excess,
 )
 from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.sweep import Diagnostics
 
 SQUARE = replace(BALL, body=Sheet(24, 24, GREEN), change=Change(turned=(0, 0, 0.4)))
@@ -101,3 +104,18 @@ def test_signal_to_noise_is_the_change_over_the_noise():
 def test_a_path_that_leaves_the_streak_is_rejected():
     state = disc_at(observed(FLAT[LINE], color=ONE_PAINT), offset=(0, 45))
     assert diagnosed(Candidate(state), RADIUS, 0.05, 0.4).rejection
+
+
+@pytest.mark.parametrize("opacity", [0.3, 0.9])
+def test_an_unknown_area_leaves_an_opacity_the_error_of_a_fraction(opacity):
+    """exact; the sweep can be written and read."""
+    state = disc_at(observed(FLAT[LINE], color=ONE_PAINT)).of_kind(DISC.with_opacity(opacity))
+    known = 1e-6 * np.eye(len(state.path) + len(state.shape))
+    image, _ = photographed(FLAT[LINE])
+    small, large = (
+        sweep_of(Candidate(state, opacity_std=0.05, covariance=by * known), image)
+        for by in (1, 1e12)
+    )
+    assert_allclose(small.opacity_std, 0.05, rtol=0.01)
+    assert_allclose(large.opacity_std, np.hypot(12**-0.5, opacity - 0.5))
+    assert sweep_from_json(sweep_to_json(large)).opacity_std == large.opacity_std

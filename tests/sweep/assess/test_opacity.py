@@ -187,6 +187,17 @@ def test_more_light_than_white_is_that_of_a_source_of_open_opacity():
     found = fit_opacity(bright)
     assert found.value == 0
     assert 0.6 < found.std < 1  # even odds of hiding all or nothing
+    # Nearly all of the posterior is at 0 and at 1.
+    assert_allclose(found.std**2 + found.solid_std**2, 1, atol=0.05)
+
+
+def test_the_error_as_a_solid_object_is_that_of_a_fraction():
+    """Also where the value is that of a lamp, 0, and not the mean of the posterior."""
+    bright = state(1.0, 0.0, 0.006, path=along(4), color=np.array([3.0, 2.4, 1.2]))
+    thin = state(0.5, 0.1, 0.006, path=along(4))
+    for found in map(fit_opacity, (bright, thin)):
+        assert found.solid_std <= 1
+    assert_allclose(found.solid_std, np.hypot(found.std, 1 - found.value))
 
 
 def test_texture_shows_that_a_source_is_solid():

@@ -14,6 +14,7 @@ from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import UNIFORM_VARIANCE
 from blurmatte.sweep.fit.ranking import (
     Candidate,
     outlier_fraction,
@@ -60,7 +61,7 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
         covariance = covariance + np.outer(by_opacity, by_opacity)
         # What is seen through it determines the product of opacity and coverage. The color of an object
         # that may be solid is that of a solid one.
-        opacity_std = float(np.hypot(opacity_std, silhouette.opacity * area_error))
+        opacity_std = _with_error_of_area(opacity_std, silhouette.opacity, float(area_error))
         area_error = opacity_std / silhouette.opacity
     model = _color_model(state, inflation, float(area_error))
     model = replace(model, to_srgb=image.meta.to_srgb, mean=np.maximum(state.mean_color, 0))
@@ -76,6 +77,16 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
         probability = prior.probability(state.family, state.path, shape, alike)
         diagnostics = replace(diagnostics, prior_probability=probability)
     return replace(sweep, diagnostics=diagnostics)
+
+
+def _with_error_of_area(std: float, opacity: float, area_error: float) -> float:
+    """Standard deviation of an opacity and of what a relative error of the area adds to it.
+
+    An opacity is a fraction. One of which nothing is known has the mean 1/2 and the variance 1/12: the
+    area adds nothing beyond its root mean square distance from the value.
+    """
+    unknown = float(np.sqrt(UNIFORM_VARIANCE + (opacity - 0.5) ** 2))
+    return max(std, min(float(np.hypot(std, opacity * area_error)), unknown))
 
 
 def _by_opacity(state: State) -> Array:

@@ -70,6 +70,7 @@ class Opacity:
     """An opacity, 0…1, and its error; and both if it is known to let light through.
 
     even_std: the error if letting light through is as usual as being solid.
+    solid_std: the error if 1 is taken for the value.
     """
 
     value: float
@@ -77,6 +78,7 @@ class Opacity:
     thin: float = 1.0
     thin_std: float = 0.0
     even_std: float = 0.0
+    solid_std: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -412,7 +414,7 @@ def _posterior(scores: list[_Scores], lights: _Lights, is_open: bool) -> Opacity
     # A source that hides all has even odds.
     mass[-1] = even[-1] = likelihood[-1] * prior[-1]
     std, even_std = (_rms_from(value, at, one) for one in (mass, even))
-    return Opacity(value, std, mean, _rms_from(mean, f, thin), even_std)
+    return Opacity(value, std, mean, _rms_from(mean, f, thin), even_std, _rms_from(1.0, at, mass))
 
 
 def _rms_from(value: float, at: Array, mass: Array) -> float:
