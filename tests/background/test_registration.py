@@ -199,3 +199,16 @@ def test_scene_without_depth_has_no_parallax(fit, shaken):
     assert fit.camera.parallax == ()
     seen = fit.camera.plate_at(0, fit.plate)
     assert parallax_between(shaken[0], seen) == []
+
+
+def test_one_shifted_shot_of_two_is_no_parallax(fit, shaken):
+    """exact: the light on which most shots agree is not shifted; of both, and of one alone, it is."""
+    seen = fit.camera.plate_at(0, fit.plate)
+    rgb = seen.rgb.copy()
+    rgb[64:] = np.roll(rgb[64:], 4, axis=1)
+    shifted = replace(seen, rgb=rgb)
+    assert parallax_between(shaken[0], shifted, seen) == []
+    for shots in ([shifted], [shifted, shifted]):
+        (region,) = parallax_between(shaken[0], *shots)
+        assert region.box[1] == 64
+        assert_allclose(region.shift, 4, atol=0.1)

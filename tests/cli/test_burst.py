@@ -45,6 +45,26 @@ def test_shot_is_solved_before_two_others(burst, tmp_path):
     assert not (tmp_path / "parallax.png").exists()
 
 
+def test_parallax_of_most_shots_is_stated(tmp_path):
+    """exact: of a near floor that moves against the wall, by 4 pixels from shot to shot."""
+    size, points = (320, 180), fine_scene((440, 260), tile=20)
+    floor = points.shape[0] // 2 + 3 * 40
+    for k in range(3):
+        scene = points.copy()
+        scene[floor:] = np.roll(points[floor:], 3 * 4 * k, axis=1)
+        h, start = similarity(size, 5 - 4 * k, 3 * k), np.array([60 + 80 * k, 70])
+        rendering = with_ball(shown(scene, size, h), h, start, start + np.array([20, -8]))
+        light = np.clip(noisy(rendering.image.rgb, k).rgb, 0, 1)
+        codes = np.rint(255 * bm.SRGB.encode(light)).astype(np.uint8)
+        bm.write(tmp_path / f"shot{k}.png", bm.decode(codes, bm.SRGB))
+    plates = ("--plate", tmp_path / "shot0.png", "--plate", tmp_path / "shot2.png")
+    options = ("--color", "#ff7845", "--solver", "swept", "--out", tmp_path / "out")
+    result = run("solve", tmp_path / "shot1.png", *plates, *options)
+    assert result.exit_code == 0, result.stderr
+    assert "Parallax: the camera moved in space" in result.stderr
+    assert (tmp_path / "out/parallax.png").exists()
+
+
 @pytest.mark.battery
 def test_match_does_not_follow_the_object_before_a_wall(tmp_path):
     """oracle: a displacement of the object looks like one of the camera, and then nothing moved."""

@@ -26,7 +26,7 @@ from blurmatte.radiometry import LinearImage
 _TILES_ALONG = 16  # on the longer side
 _MIN_TILE_PX = 32
 _FRAMES = 6  # of a clip, that are compared
-_MIN_FRACTION = 0.5  # of the pairs that determine the shift of a tile
+_FRACTION = 0.5  # of the pairs that determine the shift of a tile: more are most
 _MIN_PAIRS = 2  # of a clip
 _MIN_TILES = 2  # next to each other
 
@@ -38,17 +38,18 @@ def camera_path(frames: Sequence[LinearImage], plate: LinearImage | None = None)
 
 
 def parallax_between(
-    image: LinearImage, plate: LinearImage, ignored: Bools | None = None
+    image: LinearImage, *plates: LinearImage, ignored: Bools | None = None
 ) -> list[ParallaxRegion]:
-    """Where a plate that was matched to an image is shifted against it, the largest first.
+    """Where most plates that were matched to an image are shifted against it, the largest first.
 
+    A plate that was made of several is not known where they differ, which hides their shift: give each.
     ignored (H, W): where the object is.
     """
-    side = _side(image.size)
-    valid = plate.valid & image.valid
-    valid = valid if ignored is None else valid & ~ignored
-    tiles = list(_displaced(image, replace(plate, valid=valid), side))
-    return _regions(tiles, image.size, side, 1)
+    side, found = _side(image.size), list[tuple[Array, float]]()
+    free = image.valid if ignored is None else image.valid & ~ignored
+    for plate in plates:
+        found += _displaced(image, replace(plate, valid=plate.valid & free), side)
+    return _regions(found, image.size, side, 1)
 
 
 def parallax_of_clip(frames: Sequence[LinearImage], path: CameraPath) -> list[ParallaxRegion]:
@@ -90,7 +91,7 @@ def _regions(
         if not (0 <= row < shape[0] and 0 <= column < shape[1]):
             continue
         far = [length for length in each if length > MAX_SHIFT_PX]
-        if len(far) >= max(least, _MIN_FRACTION * len(each)):
+        if len(far) >= least and len(far) > _FRACTION * len(each):
             shifted[row, column], by[row, column] = True, np.median(far)
     return _joined(shifted, by, side, size)
 

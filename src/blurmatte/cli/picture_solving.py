@@ -14,6 +14,29 @@ from blurmatte.cli.selection import GUESSED, CameraReading, ObjectColor, Selecti
 
 
 @dataclass(frozen=True, eq=False)
+class MatchedPlate:
+    """An image and the plate at its moment; the image has the noise of a guess."""
+
+    image: bm.LinearImage
+    plate: bm.LinearImage
+    taken: list[tuple[bm.background.Match, bm.LinearImage]]  # not for a guess
+
+    @property
+    def match(self) -> bm.background.Match:
+        """The one that moves a plate farthest."""
+        nothing = bm.background.Match.nothing(self.image.size)
+        return max((match for match, _ in self.taken), key=lambda one: one.reach, default=nothing)
+
+    def parallax(self, solution: bm.Solution) -> list[bm.background.ParallaxRegion]:
+        """Where the camera moved in space, outside of the streak."""
+        if not self.match.moves:
+            return []
+        alone = len(self.taken) == 1
+        plates = [self.plate] if alone else [match.apply(plate) for match, plate in self.taken]
+        return bm.background.parallax_between(self.image, *plates, ignored=solution.streak)
+
+
+@dataclass(frozen=True, eq=False)
 class PictureOptions:
     """Options that apply to all images."""
 
@@ -24,21 +47,20 @@ class PictureOptions:
     solver: bm.matting.Solver | None
     matching: bm.background.Matching | None  # of plates that were taken
 
-    def with_plate(
-        self, image: bm.LinearImage
-    ) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match]:
-        """An image, its plate at that moment, and the match; the image has the noise of a guess."""
+    def with_plate(self, image: bm.LinearImage) -> MatchedPlate:
+        """The plate of an image."""
         if not self.plates:
             region = self.selection.inside(image.size)
             assert region is not None
             guess = bm.background.guess_plate(image, region.mask)
             image = image if image.noise is not None else image.with_noise(guess.image_noise)
-            return image, guess, bm.background.Match.nothing(image.size)
+            return MatchedPlate(image, guess, [])
         if len(self.plates) > 1:
             plate, matches = bm.background.burst_plate(image, self.plates, self.matching)
-            return image, plate, max(matches, key=lambda match: match.reach)
-        match = bm.background.fit_match(image, self.plates[0], self.matching)
-        return image, match.apply(self.plates[0]), match
+        else:
+            matches = [bm.background.fit_match(image, self.plates[0], self.matching)]
+            plate = matches[0].apply(self.plates[0])
+        return MatchedPlate(image, plate, list(zip(matches, self.plates, strict=True)))
 
 
 def solved_picture_at(
@@ -60,16 +82,15 @@ def solved_picture_at(
         return solved(task, path, said)[-1]
 
 
-def solved(
-    task: PictureOptions, path: Path, said: list[str]
-) -> tuple[bm.LinearImage, bm.LinearImage, bm.background.Match, bm.Solution]:
-    """One image, its matched plate, the match, and the solution, whose doubts are added to said."""
+def solved(task: PictureOptions, path: Path, said: list[str]) -> tuple[MatchedPlate, bm.Solution]:
+    """One image with its matched plate, and the solution, whose doubts are added to said."""
     from blurmatte.explain.solution import bent_light, doubts
 
     logging.getLogger("blurmatte").info("reading the picture")
     reading = task.selection.reading
     C = reading.read(path, said)
-    C, matched, match = task.with_plate(C)
+    pictures = task.with_plate(C)
+    C, matched, match = pictures.image, pictures.plate, pictures.match
     streak = task.selection.streak(C, matched)
     hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C.size)
     with naming_streaks(streak, C, matched):
@@ -92,7 +113,7 @@ def solved(
     for doubt in found:
         said.append(f"{path}: {doubt.rstrip('.')}")
         warn(said[-1])
-    return C, matched, match, solution
+    return pictures, solution
 
 
 def check_guess(match: str, region: str | None, is_shaded: bool, transfer: str | None) -> None:

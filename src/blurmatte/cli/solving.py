@@ -173,10 +173,9 @@ def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str
     from blurmatte.explain.solution import usable_all_the_same
 
     with about(path) as said:
-        C, matched, match, solution = solved(task, path, said)
-        regions: list[bm.background.ParallaxRegion] = []
-        if match.moves:
-            regions = bm.background.parallax_between(C, matched, solution.streak)
+        pictures, solution = solved(task, path, said)
+        C, matched = pictures.image, pictures.plate
+        regions = pictures.parallax(solution)
         for sentence in parallax_in_words(regions):
             said.append(f"{path}: {sentence.rstrip('.')}")
             warn(said[-1])
@@ -184,7 +183,7 @@ def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
         bm.results.save_parallax(folder, C, regions)
-    *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, match, folder)]
+    *lines, sheet = [*grade_lines(solution), *_answer_lines(solution, pictures.match, folder)]
     return [*lines, *usable_all_the_same(C, matched, solution), sheet], solution
 
 
