@@ -18,7 +18,7 @@ from blurmatte.checks import Array, Bools, Floats
 DECISIVE_LOG_BAYES_FACTOR = 5.0
 MEDIAN_1 = 0.455  # median of χ² with one degree of freedom
 MEDIAN_3 = 2.366  # median of χ² with three degrees of freedom, one for each channel
-QUANTILE_999_3 = 16.27  # its 99.9 % quantile
+QUANTILE_999_1, QUANTILE_999_3 = 10.83, 16.27  # 99.9 % quantiles of both
 MAD_TO_STD = 1.4826  # 1 / Φ⁻¹(3/4): standard deviation of normal numbers over their median size
 MAX_RESIDUAL_STD = 4.0  # beyond, pixels are outliers: they determine no gain or match of a picture
 UNIFORM_VARIANCE = 1 / 12  # of a number with equal density over one unit

@@ -252,3 +252,29 @@ def test_what_shows_a_plain_wall_is_not_hidden():
     hidden = guess_plate(LinearImage(rgb), REGION).hidden
     assert hidden[32:40, 40:48].all()
     assert np.count_nonzero(hidden) < 0.8 * np.count_nonzero(REGION)
+
+
+def gray(picture):
+    """Three channels that are one of a picture."""
+    return LinearImage(np.repeat(picture.rgb[..., :1], 3, axis=-1))
+
+
+def test_noise_of_a_gray_picture_is_not_texture_of_the_scene():
+    """Honest: its channels have one noise."""
+    scene, picture = wall(0)
+    guess = guess_plate(covered(gray(picture)), REGION)
+    error = (guess.rgb - scene[..., :1])[REGION]
+    assert guess.error < 0.5 * NOISE
+    assert 0.15 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_faint_object_before_a_wall_stands_out_in_gray(seed):
+    """By nine standard deviations of the noise, as in color; nothing does without it."""
+    _, picture = wall(seed)
+    assert regions_that_stand_out(gray(picture)) == []
+    rgb = picture.rgb.copy()
+    rgb[30:42, 36:60] -= 9 * NOISE
+    ((x0, y0, x1, y1),) = regions_that_stand_out(gray(LinearImage(rgb)))
+    assert 12 < x0 <= 36 < 60 <= x1 < 84
+    assert 6 < y0 <= 30 < 42 <= y1 < 66

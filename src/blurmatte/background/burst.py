@@ -113,7 +113,7 @@ def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:
     if not off.any():
         return ~plate.valid
     away = scipy.ndimage.distance_transform_edt(~(off | ~plate.valid))
-    return np.asarray(away <= faint_rim(z2[off], off))
+    return np.asarray(away <= faint_rim(z2[off] / QUANTILE_999_3, off))
 
 
 def _undecided(image: LinearImage, plate: LinearImage, guess: PlateGuess, moved: Bools) -> Bools:

@@ -39,7 +39,13 @@ from blurmatte.radiometry import (
     check_picture,
     rounding_noise,
 )
-from blurmatte.statistics import CORRELATED_PX, QUANTILE_999_3, block_sums, seen_means
+from blurmatte.statistics import (
+    CORRELATED_PX,
+    QUANTILE_999_1,
+    QUANTILE_999_3,
+    block_sums,
+    seen_means,
+)
 from blurmatte.streaks.streak import cells_to_pixels
 
 _SEED = 1
@@ -323,7 +329,7 @@ class _AroundRegion:
         mean, std, drawn = kriging.smooth_part(cells.means(light), draws)
         rest = light - _interpolated(mean, light.shape[:2], cell)
         rest = np.where(seen[..., None], rest, 0)
-        noise = np.asarray(image.variance, float)[seen].mean(axis=0) @ axes**2
+        noise = _noise_along(axes, image, seen)
         texture = np.maximum((rest**2).sum(axis=(0, 1)) / np.count_nonzero(seen) - noise, 0)
         grain = int(np.ceil(np.sqrt(seen.size / _MAX_GRAINS)))
         means, own = seen_means(rest, seen, grain)
@@ -345,17 +351,17 @@ class _AroundRegion:
         d, inner = d - self.mean, count > self.cell**2 / 2
         if not inner.any():
             return hidden
-        noise = np.asarray(part.variance, float)[inside].mean(axis=0) @ self.axes**2
+        noise, threshold = _noise_along(self.axes, part, inside), least_difference(part)
         variance = self.std**2 + self.texture + noise / self.cell**2
         any_light = np.maximum((d[inner] ** 2).mean(axis=0), variance)
         log_odds = np.log(any_light / variance) + d**2 / any_light - d**2 / variance
         may_differ = inner & (0.5 * log_odds.sum(axis=-1) < np.log(_DECISIVE_ODDS))
         z2 = (d**2 / variance).sum(axis=-1)
-        differs = (z2 > QUANTILE_999_3) & inner
+        differs = (z2 > threshold) & inner
         if not differs.any():
             return hidden
         pixels = inside & cells_to_pixels(differs | may_differ, self.cell, inside.shape)
-        margin = faint_rim(z2[differs], np.pad(pixels, 1))
+        margin = faint_rim(z2[differs] / threshold, np.pad(pixels, 1))
         near = np.zeros(hidden.shape, bool)
         near[place] = scipy.ndimage.distance_transform_edt(~pixels) <= margin
         return hidden & (near | ~image.valid)
@@ -425,16 +431,35 @@ class _AroundRegion:
         return np.asarray(drawn[rows][:, columns])
 
 
+def least_difference(picture: LinearImage) -> float:
+    """Squared difference over its variance, summed over the axes of color, that is no noise.
+
+    Gray pictures differ along one axis.
+    """
+    return QUANTILE_999_1 if are_gray(picture, picture) else QUANTILE_999_3
+
+
+def _noise_along(axes: Array, picture: LinearImage, where: Bools) -> Array:
+    """(3,) mean variance of the noise along axes of color, the columns of (3, 3).
+
+    The channels of gray pictures share one noise, unless it counts once (`Meta.one_channel`).
+    """
+    variance = np.asarray(picture.variance, float)[where].mean(axis=0)
+    if are_gray(picture, picture) and not picture.meta.one_channel:
+        return np.asarray((np.sqrt(variance) @ axes) ** 2 + _MIN_VARIANCE)
+    return np.asarray(variance @ axes**2)
+
+
 def faint_rim(z2: Array, differs: Bools) -> float:
     """Width of the rim of what disagrees with a guess, in which it does not do so significantly.
 
-    z2 (n,): squared disagreement, over its variance, where it is above QUANTILE_999_3.
+    z2 (n,): squared disagreement over the least that is significant, where it is.
     differs (H, W): the pixels there.
 
     Alpha of a disc on a path longer than itself falls to zero over its width. A part of it is below the
     threshold: that of the threshold over the largest disagreement.
     """
-    part = np.sqrt(QUANTILE_999_3 / np.quantile(z2, 0.95))
+    part = np.sqrt(1 / np.quantile(z2, 0.95))
     half_width = float(scipy.ndimage.distance_transform_edt(differs).max())
     return float(RIM_PX + _MARGIN_FACTOR * part * 2 * half_width)
 

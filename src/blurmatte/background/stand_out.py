@@ -9,11 +9,17 @@ there by more than scenes that agree with the surroundings do.
 import numpy as np
 import scipy
 
-from blurmatte.background.guess import RIM_PX, PlateGuess, guess_plate, noise_around
+from blurmatte.background.guess import (
+    RIM_PX,
+    PlateGuess,
+    guess_plate,
+    least_difference,
+    noise_around,
+)
 from blurmatte.checks import Array, Bools, Box, Floats, box_of, enclosing, grown, rows_columns
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, check_picture
-from blurmatte.statistics import QUANTILE_999_3, robust_std, seen_means
+from blurmatte.radiometry import LinearImage, are_gray, check_picture
+from blurmatte.statistics import robust_std, seen_means
 from blurmatte.streaks.streak import cells_to_pixels
 
 _CELLS = 64  # of the longer side of a picture
@@ -86,10 +92,11 @@ def _candidates(image: LinearImage) -> list[Bools]:
     known = count > cell**2 / 2
     if not known.any():
         return []
-    found = []
+    found, threshold = [], least_difference(image)
+    light = light[..., :1] if are_gray(image, image) else light
     for reach in _REACHES:
         z2 = _differences(light, known, 2 * reach + 1)
-        labels, parts = scipy.ndimage.label(z2 > QUANTILE_999_3, np.ones((3, 3)))
+        labels, parts = scipy.ndimage.label(z2 > threshold, np.ones((3, 3)))
         sums = scipy.ndimage.sum_labels(z2, labels, np.arange(1, parts + 1))
         found += [(sums[k], labels == k + 1) for k in np.argsort(sums)[::-1][:_MOST]]
     kept: list[Bools] = []
