@@ -109,6 +109,25 @@ def test_pictures_refine_the_path_and_are_behind_a_gif(folder, tmp_path):
     assert bm.read(tmp_path / "sheet.png").size[0] == 1800
 
 
+def test_before_a_guess_the_misfit_is_that_of_noise(tmp_path):
+    """Honest: around what it hides, a guess is the image, and their difference shows no noise."""
+    path, across = (50.0, 44.0, 100.0, 56.0), np.linspace(1, 1.3, 160)[:, None]
+    wall = np.broadcast_to(across * (0.45, 0.5, 0.55), (100, 160, 3))
+    ball = bm.rendering.Ball(9, np.array([0.85, 0.25, 0.05]))
+    truth = rendered(bm.rendering.Scene(wall, bm.Trajectory.line(path[:2], path[2:]), ball))
+    noise = np.random.default_rng(0).normal(0, 0.006, truth.image.rgb.shape)
+    codes = np.rint(255 * bm.SRGB.encode(np.clip(truth.image.rgb + noise, 0, 1)))
+    bm.write(tmp_path / "image.png", bm.decode(codes.astype(np.uint8), bm.SRGB))
+    solved = ("--region", "36,30,114,70", "--solver", "swept", "--out", tmp_path)
+    good("solve", tmp_path / "image.png", "--plate", "none", *solved)
+    result = good(
+        *("sharpen", tmp_path / "layer.exr", "--image", tmp_path / "image.png", "--plate", "none"),
+        *("--out", tmp_path / "ball.exr", "--json"),
+    )
+    assert 0.7 < json.loads(result.stdout)["misfit"] < 1.4
+    assert "does not explain the light" not in result.stderr
+
+
 def test_wrong_calls_are_refused(folder, tmp_path):
     layer = folder / "layer.exr"
     assert "--frames" in complaint(run("sharpen", layer, "--frames", 0, "-o", tmp_path / "a.exr"))

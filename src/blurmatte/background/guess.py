@@ -19,7 +19,7 @@ import scipy
 from threadpoolctl import threadpool_limits
 
 from blurmatte.background.lines import Lines
-from blurmatte.calibration import measure_noise_within
+from blurmatte.calibration import measure_noise_within, with_noise
 from blurmatte.checks import (
     Array,
     Bools,
@@ -225,6 +225,17 @@ def guess_behind(image: LinearImage, streak: Bools, grow: int = 0) -> PlateGuess
         raise PlateError("the layer is empty, so there is nothing to guess behind it")
     width = 2 * (grow + RIM_PX) + 1
     return guess_plate(image, scipy.ndimage.maximum_filter(streak, width))
+
+
+def with_noise_of_guess(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
+    """Image and plate with known noise, as `with_noise`; of a `PlateGuess` the plate, no guess.
+
+    Around what a guess hides, it is the image: their difference shows no noise.
+    """
+    if isinstance(plate, PlateGuess):
+        image = image if image.noise is not None else image.with_noise(plate.image_noise)
+        plate = plate.plates[0]
+    return with_noise(image, plate)
 
 
 def _too_little() -> PlateError:

@@ -82,7 +82,7 @@ class Reading:
     ) -> bm.LinearImage:
         """The scene behind an object: the plate, matched to the image, or a guess behind the streak."""
         if plate == GUESSED:
-            return guess_behind(image, streak()).plates[0]
+            return guess_behind(image, streak())
         scene = self.read(plate)
         with about(plate):
             return bm.match_plate(scene, image, matching_of(match))

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from blurmatte.calibration import with_noise
+from blurmatte.background.guess import with_noise_of_guess
 from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.deblurring.compressed import compressed_color
 from blurmatte.deblurring.lattice import Lattice, Sphere, Surface
@@ -277,7 +277,7 @@ def _checked_view(
             "the object only adds light (opacity 0), and has no surface that could be made sharp; use "
             "its layer, or blurmatte measure for its path"
         )
-    pair = with_noise(image, plate)
+    pair = with_noise_of_guess(image, plate)
     if spin is None and refine:
         sweep = revised(*pair, sweep)
     return View.of(*pair, sweep, spin)

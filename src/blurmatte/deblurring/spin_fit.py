@@ -25,7 +25,7 @@ from dataclasses import replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from blurmatte.calibration import with_noise
+from blurmatte.background.guess import with_noise_of_guess
 from blurmatte.checks import Array
 from blurmatte.deblurring.lattice import Sphere, Surface
 from blurmatte.deblurring.normal_equations import FIELD_STD
@@ -100,7 +100,7 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     """
     check_pictures_of(sweep, image, plate)
     _check_ball(sweep)
-    image, plate = with_noise(image, plate)
+    image, plate = with_noise_of_guess(image, plate)
     prior = _widened(sweep)
     with threadpool_limits(1):  # most matrices are small: threads wait longer than they work
         view = View.of(image, plate, sweep, Spin(np.zeros(3), covariance=PRIOR))
@@ -382,7 +382,7 @@ def likelier_spin(
         if error.likeliest is None:
             return None, str(error)
         spin, doubt = error.likeliest, f"{error}; the likeliest spin is used"
-    gain = log_bayes_factor(*with_noise(image, plate), spin, flat, lattice)
+    gain = log_bayes_factor(*with_noise_of_guess(image, plate), spin, flat, lattice)
     if gain < DECISIVE_LOG_BAYES_FACTOR:
         return None, f"a ball that spins explains the light no better (log Bayes factor {gain:.1f})"
     return spin, doubt

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.calibration import with_noise
+from blurmatte.background.guess import with_noise_of_guess
 from blurmatte.checks import Array, check_kind, rows_columns
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
@@ -139,7 +139,7 @@ def fit_ball(
     check_intrinsics("intrinsics", intrinsics)
     check_kind("sweep", sweep, Sweep | None, "use blurmatte.sweep.fit_sweep(image, plate)")
     intrinsics.check_size(image.size)
-    image, plate = with_noise(image, plate)
+    image, plate = with_noise_of_guess(image, plate)
     if sweep is None:
         sweep = fit_sweep(image, plate)
     best = _best_fit(intrinsics, sweep, image, plate)
