@@ -156,3 +156,14 @@ def test_versions_agree():
     assert f"\nversion: {bm.__version__}\n" in citation
     assert f"\nlicense: {project['license']}\n" in citation
     assert bm.__version__ in TEXTS["CHANGELOG.md"]
+
+
+def test_tables_are_of_the_commits_that_the_limitations_name():
+    """Each table states its commit, of the version that made it or that last changed the solver."""
+    text = TEXTS["docs/limitations.md"].partition("Each table states its commit.")[2]
+    named = re.findall(r"(?<!but )((?:\*\w+\*(?:,| and|) )+)(?:are )?of\s([0-9a-f]{7})\b", text)
+    assert len(named) > 3
+    for names, commit in named:
+        for name in re.findall(r"\w+(?=\*)", names):
+            table = ROOT / "docs" / "results" / f"{name}.csv"
+            assert commit in table.read_text(encoding="utf-8").partition("\n\n")[0], name
