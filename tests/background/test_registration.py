@@ -147,7 +147,7 @@ def test_words_state_the_motion_and_the_frames_that_are_not_registered(shaken):
     said = " ".join(explain(fit))
     assert "The camera moves: 4 of 6 frames are registered to frame 3" in said
     assert "Frame 2 is not registered: it does not look like the frames before" in said
-    assert "Frame 5 is not registered: " in said
+    assert "Frame 5 is not registered: it shows nothing: its light is even" in said
     with pytest.raises(PlateError, match="the camera moved, and the frame is not registered"):
         fit.camera.plate_at(2, fit.plate)
 
@@ -199,6 +199,14 @@ def test_scene_without_depth_has_no_parallax(fit, shaken):
     assert fit.camera.parallax == ()
     seen = fit.camera.plate_at(0, fit.plate)
     assert parallax_between(shaken[0], seen) == []
+
+
+def test_a_frame_of_noise_alone_shows_nothing(shaken):
+    """door"""
+    fog = noisy(np.full_like(shaken[0].rgb, np.median(shaken[0].rgb)), 7)
+    ((number, why),) = make_plate([*shaken[:4], fog]).camera.unregistered
+    assert number == 4
+    assert why == "it shows nothing: its light is even"
 
 
 def test_one_shifted_shot_of_two_is_no_parallax(fit, shaken):

@@ -59,6 +59,8 @@ _LENS_STEP = 1e-4  # of its numerical derivative
 _MAX_LENS = 0.3
 
 _BEND_ROUNDS = 4  # of a step of a rolling shutter's bend and a fit of the homography, at most
+_MIN_FINE = 0.95  # of the standard deviation of an even frame: that of noise between neighbors
+_ROUNDING = 1e-6  # of 32-bit floats; white is 1
 # When the lens term and the bend are certain.
 _MIN_CERTAIN_STD = 4.0  # standard deviations that each must differ from 0 by
 _MIN_MOVED_PX = 0.1  # and the displacement: of the corners, or of the last row of a compared frame
@@ -297,6 +299,7 @@ class _CanvasFit:
     alignment: Alignment
     residual: float
     image_std: float
+    is_even: bool  # the frame shows noise alone
 
 
 def _levels(image: LinearImage, seen: LinearImage) -> Iterator[ComparedPair]:
@@ -317,12 +320,21 @@ def _fit(image: LinearImage, seen: LinearImage, coarse: bool = True) -> _CanvasF
     rest = np.abs(fit.residuals * fine.sigma)[inside]
     residual = MAD_TO_STD * float(np.median(rest)) if rest.size else np.inf
     C = fine.C[fine.xy[:, 1], fine.xy[:, 0]]
-    return _CanvasFit(fit, residual, float(C.std(axis=0).mean()))
+    return _CanvasFit(fit, residual, float(C.std(axis=0).mean()), _is_even(image))
+
+
+def _is_even(image: LinearImage) -> bool:
+    """Whether a frame varies no more from end to end than from one pixel to the next."""
+    light = image.rgb.mean(axis=-1)
+    fine = np.diff(light, axis=1).std() / np.sqrt(2)
+    return bool(_MIN_FINE * light.std() <= fine + _ROUNDING)
 
 
 def _refusal(fit: _CanvasFit, size: tuple[int, int]) -> str:
     """Why a fit does not register a frame; "" if it does."""
     if fit.residual > MAX_RELATIVE_RESIDUAL * fit.image_std:
+        if fit.is_even:
+            return "it shows nothing: its light is even"
         rest = fit.residual / max(fit.image_std, 1e-9)
         return f"it does not look like the frames before: {rest:.0%} of its contrast are not theirs"
     std = np.sqrt(np.diag(fit.alignment.covariance())[[2, 5]]) * max(size) / 2
