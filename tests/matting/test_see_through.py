@@ -1,5 +1,7 @@
 """Objects that let light through, and lamps that only add light, from pictures alone."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
@@ -212,6 +214,9 @@ def test_a_lamp_only_adds_light_and_loses_none(at_night):
     layer = solution.layer
     assert solution.stats.only_adds_light
     assert layer.only_adds_light
+    said = re.search(r"light up to ([\d.]+), typical std ([\d.]+),", repr(solution))
+    assert abs(float(said[1]) / layer.premultiplied.max() - 1) < 0.1
+    assert float(said[2]) > 0
     assert not layer.alpha.any()
     sums = layer.premultiplied.sum(axis=(0, 1)) / added.sum(axis=(0, 1))
     assert np.all(np.abs(sums - 1) < 0.02)

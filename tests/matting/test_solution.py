@@ -89,6 +89,8 @@ def test_repr_is_one_line():
         "Solution(4x1, alpha up to 0.50, typical std 0.02, 33.3% of the streak's pixels flagged)"
     )
     assert repr(solution([0.5], [Quality.SATURATED])) == "Solution(1x1, nothing known)"
+    std = np.array([[0.02, 0.0, 0.0, 0.0]], np.float32)
+    assert "typical std 0.02" in repr(replace(some, alpha_std=std))  # where there may be something
     assert some.size == (4, 1)
 
 

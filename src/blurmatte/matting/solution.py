@@ -89,12 +89,16 @@ class Solution(Displayed):
         inside = self.streak & self.known
         if not inside.any():
             return f"Solution({width}x{height}, nothing known)"
-        peak = np.percentile(self.alpha[inside], 99.5)
-        std = np.median(self.alpha_std[inside])
+        name, values, std = "alpha", self.alpha[inside], self.alpha_std[inside]
+        if self.stats.only_adds_light:
+            name, values = "light", self.premultiplied[inside].max(axis=-1)
+            std = self.premultiplied_std[inside]
+        if std.any():  # 0 is where there is certainly nothing
+            std = std[std > 0]
         flagged = np.mean(self.quality[self.streak] != 0)
         return (
-            f"Solution({width}x{height}, alpha up to {peak:.2f}, typical std {std:.2g}, "
-            f"{flagged:.1%} of the streak's pixels flagged)"
+            f"Solution({width}x{height}, {name} up to {np.percentile(values, 99.5):.2f}, "
+            f"typical std {np.median(std):.2g}, {flagged:.1%} of the streak's pixels flagged)"
         )
 
     @property
