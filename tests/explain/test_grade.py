@@ -137,6 +137,19 @@ def test_a_factor_that_may_be_zero_gives_a_warning(solution, reasons, remedy):
     assert not doubts(solution(sum_alpha=100.0, sum_alpha_std=50.0, alpha_scale_std=0.49))
 
 
+def test_a_rough_guess_is_the_reason_of_a_sum_that_may_be_nothing(solution):
+    """A color was not given: that it may be another explains nothing."""
+    rough = solution(
+        sum_alpha=100.0, sum_alpha_std=150.0, alpha_scale_std=1.49, grade_reasons=("plate",),
+        rough_guess=0.1712,
+    )  # fmt: skip
+    (doubt,) = doubts(rough)
+    assert (
+        "may be nothing: the scene is too rough to guess the plate (± 0.17 of white); mark" in doubt
+    )
+    assert "color" not in doubt
+
+
 def test_good_solution_has_no_warning(changed):
     assert doubts(changed()) == []
     assert doubts(changed(quality=(2, Quality.MISFIT))) == []

@@ -50,6 +50,7 @@ STATS = SolutionStats(
         in_words="shifted", shift=(1.0, -0.5), agreement=1.01, edge_agreement=float("inf")
     ),
     may_be_shadow=True,
+    rough_guess=0.17,
     exposure_time=0.02,
     readout="left",
     sweep=SweepSummary(

@@ -74,6 +74,7 @@ def test_ball_of_another_hue_than_texture_is_solved_without_a_plate(before_grass
     assert error < min(0.01, 2 * solution.stats.alpha_error)
     assert abs(solution.stats.sum_alpha - alpha.sum()) < 3 * solution.stats.sum_alpha_std
     assert solution.grade <= Grade.PLAUSIBLE
+    assert solution.stats.rough_guess > 0.01
 
 
 def test_error_contains_that_of_the_guess(smooth):

@@ -321,12 +321,14 @@ def _no_object(solution: Solution) -> list[str]:
         return []
     if total > max(std, 3 * solution.sum_std_without_factor):
         return []
+    why = "what moved here may not have this color"
+    if stats.rough_guess is not None:
+        why = f"the scene is too rough to guess the plate (± {stats.rough_guess:.2g} of white)"
     remedy = "choose the object with a region, or give its own color"
     if "plate" in stats.grade_reasons:
         remedy = "mark the object closely, or photograph the scene without it (--plate FILE)"
     return [
-        f"Alpha adds up to {total:.0f} ± {rounded_std(std)}, which may be nothing: what moved here may "
-        f"not have this color; {remedy}."
+        f"Alpha adds up to {total:.0f} ± {rounded_std(std)}, which may be nothing: {why}; {remedy}."
     ]
 
 

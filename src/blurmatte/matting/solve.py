@@ -184,6 +184,8 @@ def _before_guess(
         return QuickSolver(on_cells, size)
 
     solution = _where_guessed(solve_before_guess(plate, first, again), image, plate)
+    if plate.is_rough:
+        solution = replace(solution, stats=replace(solution.stats, rough_guess=plate.error))
     return solution.in_picture(box, size) if is_part else solution
 
 

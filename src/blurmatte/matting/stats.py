@@ -270,6 +270,9 @@ class SolutionStats:
         What was done to the plate.
     may_be_shadow : bool
         Whether all of the streak was only darker than the plate.
+    rough_guess : float or None
+        Standard deviation of the light of a guessed plate, white is 1, if the scene is so rough that it
+        is as large as the change by a soft shadow.
     exposure_time : float or None
         Seconds; None if the image's file does not state it.
     readout : "down", "up", "left" or "right"
@@ -325,6 +328,7 @@ class SolutionStats:
     plate_noise: NoiseModel | MedianNoise | None = None
     match: MatchSummary | None = None
     may_be_shadow: bool = False
+    rough_guess: _Size | None = None
     exposure_time: Annotated[float, Interval(ge=0, le=MAX_SECONDS)] | None = None
     readout: Direction = "down"
     sweep: SweepSummary | None = None
