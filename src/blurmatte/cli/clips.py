@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import blurmatte as bm
-from blurmatte.cli.console import WITHOUT_HUE, about, answer, complain, in_degrees, waiting
+from blurmatte.cli.console import WITHOUT_HUE, about, answer, complain, in_degrees, waiting, warn
 from blurmatte.cli.quantities import Direction, processes
 from blurmatte.clips.manifest import Finished, key_of, opened_manifest
 from blurmatte.explain.calibration import camera_in_words
@@ -17,7 +17,7 @@ from blurmatte.explain.clip import clip_in_words, summary_in_words
 from blurmatte.motion.clip.balls import balls_in_space
 from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.detections import FrameSightings
-from blurmatte.motion.clip.measure import radius_spread
+from blurmatte.motion.clip.measure import explaining_curve, radius_spread
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured
 from blurmatte.motion.clip.summary import (
     KnownQuantities,
@@ -76,7 +76,22 @@ class Tracking:
                 numbers, rows = frames.frame_numbers, found.in_frames
                 spread = radius_spread(frames, found.plate, rows, numbers, found.camera)
                 known = replace(known, radius_std=spread)
+        if frames.curve_assumed:
+            self._compare_curves(found)
         return found, places, replace(known, place_std=frames.place_std)
+
+    def _compare_curves(self, found: ClipMeasured) -> None:
+        """Warn if frames without a disc have one with another curve than the one that was assumed."""
+        with waiting("comparing transfer curves"):
+            frames = self.frames
+            other = explaining_curve(
+                frames, found.plate, found.in_frames, frames.frame_numbers, found.camera
+            )
+        if other is not None:
+            warn(
+                f"{self.source}: in some frames no disc on a path explains the streak, but with "
+                f"--transfer {other.name} one does; the curve that was assumed seems to be wrong"
+            )
 
     @contextmanager
     def _recorded(

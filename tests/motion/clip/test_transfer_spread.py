@@ -1,4 +1,4 @@
-"""radius_spread: the error of radii by a transfer curve that is not known."""
+"""The transfer curve that a clip does not state: the error of radii, and frames that it spoils."""
 
 from dataclasses import replace
 
@@ -9,9 +9,10 @@ from tests.scenes import rendered
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
-from blurmatte.motion.clip.measure import radius_spread
+from blurmatte.motion.clip.measure import explaining_curve, radius_spread
 from blurmatte.radiometry import REC709, SRGB, LinearImage, Meta
-from blurmatte.rendering.plates import plain_plate
+from blurmatte.rendering.flat_bodies import Sheet
+from blurmatte.rendering.plates import colorful_plate, plain_plate
 from blurmatte.sweep.fit_sweep import fit_disc
 
 RADIUS = 13.0
@@ -55,3 +56,35 @@ def test_spread_is_unknown_without_whole_frames(scene):
     frame, plate, row = scene
     cut = replace(row, sighting=at_border(row.sighting))
     assert radius_spread([frame], plate, [cut], [4]) == 0
+
+
+def refused(body, noise=0.0015):
+    """A gray frame of little noise with its plate, and the row of a frame without a disc."""
+    light = colorful_plate((112, 88), 3, tile=14)[..., :1]
+    plate = np.repeat(0.01 + 0.85 * (light / light.max()) ** 2, 3, axis=-1)
+    truth = rendered(
+        bm.rendering.Scene(plate, bm.Trajectory.line((36.0, 36.0), (68.0, 48.0)), body)
+    )
+    rng = np.random.default_rng(0)
+    frame, behind = (
+        assumed(picture.rgb + noise * rng.normal(size=(88, 112, 1)))
+        for picture in (truth.image, truth.plate)
+    )
+    why = "no disc on a path explains the streak, and without a color nothing else can be measured"
+    return [frame], behind, [bm.motion.FrameMotion(0, 0.0, None, None, reason=why)]
+
+
+def test_curve_is_named_with_which_a_disc_explains_a_frame():
+    """Exact: the frame is of sRGB; a frame that agrees with the plate shows no curve."""
+    frames, plate, rows = refused(bm.rendering.Ball(12.0, (0.5, 0.5, 0.5)))
+    pair = with_noise(frames[0], plate)
+    assert fit_disc(*pair, bm.find_streaks(*pair)[0]).rejection
+    found = explaining_curve(frames, plate, rows)
+    assert found is not None
+    assert found.name == "srgb"
+    nothing = [replace(rows[0], reason="nothing moved")]
+    assert explaining_curve(frames, plate, nothing) is None
+
+
+def test_no_curve_makes_a_disc_of_what_is_none():
+    assert explaining_curve(*refused(Sheet(44, 12, (0.5, 0.5, 0.5)))) is None

@@ -9,7 +9,7 @@ are measured with each curve give that shift, which no scatter of frames shows.
 """
 
 import warnings
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -35,7 +35,7 @@ from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_added_light, motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
-from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.radiometry import LinearImage, Transfer, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, each_coded
 from blurmatte.statistics import chi_square_quantile
 from blurmatte.streaks import Streak, find_streaks
@@ -52,6 +52,7 @@ _MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by f
 _MIN_KNOWN_FRACTION = 0.5  # of a streak's pixels, whose alpha the moments are of
 _AGREEMENT = 0.999  # probability of a smaller distance of two measured places of one object
 _FRAMES = 3  # measured with each curve; their shifts differ by a tenth
+_NO_DISC = "no disc on a path explains the streak"
 
 
 def sightings(
@@ -234,9 +235,7 @@ def _measured(part: Part, streak: Streak, model: ColorModel, inflation: float) -
         motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
         return _sighting(motion, streak, replace(model, mean=sweep.model.mean), sweep)
     if model.rank == 3:
-        raise MotionError(
-            "no disc on a path explains the streak, and without a color nothing else can be measured"
-        )
+        raise MotionError(f"{_NO_DISC}, and without a color nothing else can be measured")
     if light is not None:
         return _sighting(light, streak, model, sweep)
     motion, model = _motion_of_pixels((image, plate), streak, model)
@@ -331,6 +330,47 @@ def radius_spread(
     found = [_log_radii(frames[k], behind(k), one) for k, one in at]
     known = [radii for radii in found if radii is not None]
     return float(np.sqrt(np.mean(np.mean(known, axis=0) ** 2))) if known else 0.0
+
+
+def explaining_curve(
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    rows: Sequence[FrameMotion],
+    numbers: Iterable[int] | None = None,
+    camera: CameraPath | None = None,
+) -> Transfer | None:
+    """The curve with which a disc explains what none does with the assumed one, in most frames tried.
+
+    None if no curve does, or if no frame was refused for want of a disc. Parameters as for
+    `radius_spread`.
+    """
+    places = {k: i for i, k in enumerate(range(len(frames)) if numbers is None else numbers)}
+    refused = [row.frame for row in rows if row.sighting is None and _NO_DISC in row.reason]
+    if not refused:
+        return None
+    inner = (np.arange(_FRAMES) + 0.5) * len(refused) / _FRAMES
+    some = list(dict.fromkeys(refused[k] for k in inner.astype(int)))
+    explained: Counter[str] = Counter()
+    for k in some:
+        frame = frames[places[k]]
+        behind = plate if camera is None else camera.plate_at(places[k], plate)
+        explained.update(curve.name for curve in UNSTATED_CURVES if _explains(curve, frame, behind))
+    name, count = max(explained.items(), key=lambda one: one[1], default=("", 0))
+    if 2 * count <= len(some):
+        return None
+    return next(curve for curve in UNSTATED_CURVES if curve.name == name)
+
+
+def _explains(curve: Transfer, frame: LinearImage, plate: LinearImage) -> bool:
+    """Whether a disc explains the strongest streak with another curve than that of the frame."""
+    assumed = frame.meta.transfer
+    if assumed is None or assumed.name == curve.name:
+        return False
+    try:
+        pair = with_curve(frame, plate, curve)
+        return not fit_disc(*pair, find_streaks(*pair)[0]).rejection
+    except (BlurmatteError, IndexError):
+        return False
 
 
 def _log_radii(
