@@ -237,11 +237,11 @@ def fit_hypotheses(
         search = Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
         return search.with_observations(lambda one: replace(one, opacity=opacity))
 
-    task = _Task(image, search, start, hypotheses, TimeLimit(seconds))
-    candidates = task.candidates(plate, streak)
+    request = _FitRequest(image, search, start, hypotheses, TimeLimit(seconds))
+    candidates = request.candidates(plate, streak)
     # Without hues a dark object looks like a loss of light.
     if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
-        candidates = _in_likelier_light(candidates, task)
+        candidates = _in_likelier_light(candidates, request)
     found = candidates.refined(with_pattern=len(hypotheses) > 1)
     # Nobody can give the color of a black thing in a gray picture.
     may_be_texture = plate.meta.guess_error is not None
@@ -251,7 +251,7 @@ def fit_hypotheses(
 
 
 @dataclass(frozen=True, eq=False)
-class _Task:
+class _FitRequest:
     """What is fitted to an image, before any plate."""
 
     image: LinearImage
@@ -309,7 +309,7 @@ class _Task:
         return replace(self._fitted(fits), added_before=(plate, std))
 
 
-def _in_likelier_light(candidates: "_Candidates", task: _Task) -> "_Candidates":
+def _in_likelier_light(candidates: "_Candidates", request: _FitRequest) -> "_Candidates":
     """Candidates before the plate in the light that the object left on it, if they are likelier.
 
     Both are compared with the measured noise: changed light would inflate its estimate. Where other
@@ -322,22 +322,26 @@ def _in_likelier_light(candidates: "_Candidates", task: _Task) -> "_Candidates":
         return candidates
     if is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return candidates
-    if task.limit.is_over:
+    if request.limit.is_over:
         return replace(candidates, untried=(*candidates.untried, "other light on the plate"))
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
     before = found.best_evidence(observation)
     rivals = [(before, candidates)]
     for is_gray in (True, False):
-        lit = _lighting_of(task.image, found.plate, found.streak, outside, is_gray)
+        lit = _lighting_of(request.image, found.plate, found.streak, outside, is_gray)
         if lit is not None:
-            rivals += _in_light(found, observation, *lit, task)
+            rivals += _in_light(found, observation, *lit, request)
     best, others = rivals[int(np.argmax(hypothesis_weights([one for one, _ in rivals])))]
     return others if is_decisively_likelier(best, before) else candidates
 
 
 def _in_light(
-    found: Hypotheses, observation: Observation, lighting: Lighting, rest: Streak, task: _Task
+    found: Hypotheses,
+    observation: Observation,
+    lighting: Lighting,
+    rest: Streak,
+    request: _FitRequest,
 ) -> list[tuple[Evidence, "_Candidates"]]:
     """Candidates before the plate in a light, and their evidence with that light; none if impossible.
 
@@ -355,8 +359,8 @@ def _in_light(
         if hypothesis_weights([both[0], with_light(both[1])])[1] < 0.5:
             return []
     # That light holds the shadow of the object.
-    shapes = [one for one in task.hypotheses if not one.changes_plate]
-    others = replace(task, hypotheses=shapes).candidates(lighting.on(found.plate), rest)
+    shapes = [one for one in request.hypotheses if not one.changes_plate]
+    others = replace(request, hypotheses=shapes).candidates(lighting.on(found.plate), rest)
     other = others.as_fitted
     if not lighting.is_possible(other.best.alpha):
         return []
