@@ -89,7 +89,7 @@ def clip_color(
     Examples
     --------
     >>> print(bm.motion.clip_color(frames, plate))
-    ColorModel(#ffc046, rank 1, ±0.022°)
+    ColorModel(#ffc047, rank 1, ±0.029°)
     """
     if len(frames):
         check_not_gray(frames[0], plate)
