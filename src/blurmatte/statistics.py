@@ -22,6 +22,7 @@ QUANTILE_999_1, QUANTILE_999_3 = 10.83, 16.27  # 99.9 % quantiles of both
 MAD_TO_STD = 1.4826  # 1 / Φ⁻¹(3/4): standard deviation of normal numbers over their median size
 MAX_RESIDUAL_STD = 4.0  # beyond, pixels are outliers: they determine no gain or match of a picture
 UNIFORM_VARIANCE = 1 / 12  # of a number with equal density over one unit
+UNKNOWN_FRACTION = float(np.sqrt(1 / 3))  # root mean square of a fraction of which nothing is known
 BLOCK_SIZES = (2, 4, 8, 16)  # pixels: compressed files have blocks of up to 16
 # Widths of blocks of pixels over which the correlation of noise and of residuals is measured: the noise
 # of files and the residuals of wrong shapes correlate over such distances

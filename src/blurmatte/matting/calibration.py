@@ -15,6 +15,7 @@ import scipy
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate, with_bounded_errors
 from blurmatte.matting.maps import Grade
+from blurmatte.statistics import UNKNOWN_FRACTION
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
     UNCOMPRESSED,
@@ -38,7 +39,6 @@ _MAX_RIM_SHIFT = 8.0  # standard deviations of the rim's position
 _NEIGHBORS = np.ones((3, 3), bool), np.eye(3)[1] + np.eye(3)[1][:, None] > 0  # in turn: a disc
 MIN_ALPHA = 0.004  # of the pixels that count as streak
 _MIN_CLAIM = 1e-4  # smallest claimed error of alpha
-_MAX_CLAIM = float(np.sqrt(1 / 3))  # error of alpha 0 where nothing is known
 _LARGE_CLAIM = 0.05  # claimed error of alpha from which on claims are not too small
 _MAX_COLOR_SPREAD = 0.5  # radians
 _MAX_COLOR_ANGLE_STD = 20.0  # degrees
@@ -63,7 +63,9 @@ def claimed_error(estimate: AlphaEstimate) -> float:
     """
     std = np.hypot(estimate.alpha_std, estimate.scale_std * estimate.alpha)
     use = on_streak(estimate.alpha, std)
-    return max(float(np.sqrt(np.mean(std[use] ** 2))), _MIN_CLAIM) if use.any() else _MAX_CLAIM
+    return (
+        max(float(np.sqrt(np.mean(std[use] ** 2))), _MIN_CLAIM) if use.any() else UNKNOWN_FRACTION
+    )
 
 
 def on_streak(alpha: Floats, std: Floats) -> Bools:

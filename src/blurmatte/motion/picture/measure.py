@@ -31,7 +31,7 @@ from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
 from blurmatte.motion.picture.motion import MOMENTS, QUANTITIES, SWEEP, Motion
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import UNIFORM_VARIANCE
+from blurmatte.statistics import UNIFORM_VARIANCE, UNKNOWN_FRACTION
 from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.sweep.model.shape import OUTLINE_POINTS
 from blurmatte.sweep.sweep import Sweep
@@ -49,7 +49,6 @@ _OTHER = (
 # When alpha counts as present, and when a motion from moments gets a doubt.
 _MIN_SUM_STD = 3.0  # standard deviations: a smaller sum of alpha may be noise
 _MAX_WIDTH = 1.5  # diameters of the disc of its area: a straight path is not wider
-_UNKNOWN_ALPHA = float(np.sqrt(1 / 3))  # root mean square of a fraction of which nothing is known
 _MAX_UNKNOWN_FRACTION = 0.02  # of the streak's pixels
 _PART_SMOOTHING_PX = 2.0  # standard deviation of the Gaussian before parts are labeled
 _MIN_PART_ALPHA = 0.15  # of the largest smoothed alpha
@@ -237,7 +236,7 @@ def motion_of_added_light(
     added = (image.rgb.astype(float) - plate.rgb) @ color
     variance = (image.variance.astype(float) + plate.variance) @ color**2
     behind = plate.rgb @ color
-    uneven = _UNKNOWN_ALPHA * (behind - behind[use].mean()) if use.any() else behind
+    uneven = UNKNOWN_FRACTION * (behind - behind[use].mean()) if use.any() else behind
     weights = _Weights.of(added, variance, streak, known, uneven)
     moments, covariance = _moments(weights, "the added light sums to {}")
     values, covariance = propagated(_with_area_of_width, moments, covariance)
