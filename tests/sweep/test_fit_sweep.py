@@ -53,6 +53,7 @@ from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.assess.model_selection import hypothesis_probabilities
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit_sweep import fit_disc, fit_disc_colors, fit_hypotheses
+from blurmatte.sweep.hypotheses import DiscWithShadow, GrowingDisc, Outline
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
@@ -92,6 +93,17 @@ def test_radius_of_a_shaded_ball_is_found(scene):
     assert sweep.silhouette.name == "disc"
     assert error(sweep, scene) < 0.01
     assert degrees_between(sweep.model.pole, GREEN) < 1
+
+
+@pytest.mark.parametrize("hypothesis", [Outline(), GrowingDisc(), DiscWithShadow()], ids=repr)
+def test_a_disc_remains_if_the_only_hypothesis_has_no_fit(hypothesis):
+    """door: a ball without a shadow, of constant size."""
+    truth, noise = rendered(FLAT[LINE]), NoiseModel(read_std=1e-3)
+    image, plate = (picture.with_noise(noise) for picture in (truth.image, truth.plate))
+    streak = require_streaks(image, plate)[0]
+    found = fit_hypotheses(image, plate, streak, hypotheses=(hypothesis,))
+    assert found.best.silhouette.is_disc
+    assert abs(found.best.radius - RADIUS) < 0.1
 
 
 def test_exact_light_gives_the_exact_sweep():

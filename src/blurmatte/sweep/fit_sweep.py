@@ -63,6 +63,7 @@ from blurmatte.sweep.fit.ranking import (
 from blurmatte.sweep.fit.shadow import in_shadow
 from blurmatte.sweep.hypotheses import (
     HYPOTHESES,
+    Disc,
     Fits,
     Hypothesis,
     TimeLimit,
@@ -477,6 +478,8 @@ class _Candidates:
                 continue
             _LOG.info("fitting %s", hypothesis.in_words)
             fits = fits.with_fits_of(hypothesis)
+        if not fits.candidates:  # none is likelier than the discs that all start from
+            fits = fits.with_fits_of(Disc())
         candidates = list(fits.candidates)
         if completed is not None:
             candidates = [completed(one) for one in candidates]
