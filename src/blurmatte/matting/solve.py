@@ -4,6 +4,7 @@ import logging
 from dataclasses import dataclass, replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from blurmatte.background import Matching, PlateGuess, fit_match
 from blurmatte.background.fit_match import agreement
@@ -205,10 +206,11 @@ def _where_guessed(solution: Solution, image: LinearImage, guess: PlateGuess) ->
 
 def _solved(pictures: Pictures, request: _Request, warns: bool = True) -> Solution:
     """The solution of matched pictures."""
-    case, others = _case_of(pictures, request)
-    if warns:
-        warn_if_plate_differs(*case.compared)
-    return _solution(case, request.solver, others, request.out)
+    with threadpool_limits(1):  # the matrices are small: threads wait longer than they work
+        case, others = _case_of(pictures, request)
+        if warns:
+            warn_if_plate_differs(*case.compared)
+        return _solution(case, request.solver, others, request.out)
 
 
 def shape_odds(

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind
@@ -239,11 +240,12 @@ def fit_hypotheses(
         return search.with_observations(lambda one: replace(one, opacity=opacity))
 
     request = _FitRequest(image, search, start, hypotheses, TimeLimit(seconds))
-    candidates = request.candidates(plate, streak)
-    # Without hues a dark object looks like a loss of light.
-    if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
-        candidates = _in_likelier_light(candidates, request)
-    found = candidates.refined(with_pattern=len(hypotheses) > 1)
+    with threadpool_limits(1):  # the matrices are small: threads wait longer than they work
+        candidates = request.candidates(plate, streak)
+        # Without hues a dark object looks like a loss of light.
+        if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
+            candidates = _in_likelier_light(candidates, request)
+        found = candidates.refined(with_pattern=len(hypotheses) > 1)
     # Nobody can give the color of a black thing in a gray picture.
     may_be_texture = plate.meta.guess_error is not None
     if model is None and not (image.meta.one_channel or may_be_texture or _is_solid(found.best)):
