@@ -9,7 +9,8 @@ import pytest
 from tests.clips.conftest import COLOR, COUNT, FIRST, LAST, NOISE
 
 import blurmatte as bm
-from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, whole
+from blurmatte.matting import Pixelwise
+from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, solved, whole
 from blurmatte.streaks import Gate
 
 MODEL = bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR))
@@ -28,8 +29,9 @@ def events(clip):
     return list(measured(clip, bm.motion.Workers(1)))
 
 
-def test_each_frame_is_compared_with_the_plate_once(clip, monkeypatch):
-    """Exact: though its color is voted for, and it is measured."""
+@pytest.mark.parametrize("model", [None, MODEL], ids=["color found", "color given"])
+def test_each_frame_is_compared_with_the_plate_once(clip, model, monkeypatch):
+    """Exact: though its color is voted for, it is measured, and solved."""
     compared, real = Counter(), Gate.changes
 
     def counted(self, frame):
@@ -37,8 +39,12 @@ def test_each_frame_is_compared_with_the_plate_once(clip, monkeypatch):
         return real(self, frame)
 
     monkeypatch.setattr(Gate, "changes", counted)
-    found = whole(measured(replace(clip, model=None), bm.motion.Workers(1)))
-    assert sum(row.sighting is not None for row in found.rows) == LAST - FIRST + 1
+    with bm.motion.Workers(1) as workers:
+        found = whole(measured(replace(clip, model=model), workers))
+        assert sum(row.sighting is not None for row in found.rows) == LAST - FIRST + 1
+        layers = list(solved(found, workers, Pixelwise(), lambda each: each))
+    assert all(isinstance(layer, bm.Solution) for _, layer in layers)
+    assert len(layers) == LAST - FIRST + 1
     assert len(compared) == COUNT
     assert set(compared.values()) == {1}
 

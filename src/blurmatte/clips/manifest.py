@@ -38,7 +38,8 @@ def _sightings(value: Any) -> FrameSightings | None:
         return None
     try:
         found = tuple(
-            Sighting(**one | {"measured": _motion(one["measured"])}) for one in value["found"]
+            Sighting(**one | {"measured": _motion(one["measured"]), "box": tuple(one["box"])})
+            for one in value["found"]
         )
         return FrameSightings(**value | {"found": found})
     except (KeyError, TypeError) as error:

@@ -30,4 +30,4 @@ def sighted(
         "parabola" if source == "sweep" else "line", "disc" if source == "sweep" else "",
         (1000, 1000), doubts=tuple(doubts), readout=readout,
     )  # fmt: skip
-    return Sighting(motion, color, evidence, 1.0, backward)
+    return Sighting(motion, color, evidence, 1.0, (0, 0, 1000, 1000), backward)

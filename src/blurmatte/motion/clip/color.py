@@ -1,4 +1,8 @@
-"""clip_color: the color of the moving object in a clip, fused from some of its frames."""
+"""clip_color: the color of the moving object in a clip, fused from some of its frames.
+
+These frames are fitted again when the object is measured: the parts that have its color are not all
+that changed, and the color of all frames is a prior of each fit.
+"""
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -202,7 +206,7 @@ class _Voter:
         (frame,) = coded_frames(frames, slice(None))
         scene = self.scene.at(frames, frame, index)
         found = list[tuple[Part, Streak]]()
-        for part in scene.parts(frame, scene.boxes(frame, index)):
+        for part in scene.parts(frame, scene.boxes(frames, frame, index)):
             with suppress(BlurmatteError):
                 found += [(part, streak) for streak in find_streaks(*part)]
         found.sort(key=lambda one: -one[1].evidence)

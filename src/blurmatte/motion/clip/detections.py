@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import DIRECTIONS, Array, Direction, check_kind
+from blurmatte.checks import DIRECTIONS, Array, Box, Direction, check_kind
 from blurmatte.motion.columns import Column, TableRow
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.sweep.model.priors import MotionPrior
@@ -37,6 +37,9 @@ class Sighting:
         Strength of its light, as in `Streak`.
     residual_excess : float
         Of the fitted disc, even if the numbers come from moments; as in `Diagnostics`.
+    box : (int, int, int, int)
+        x0, y0, x1, y1 of the part of the frame in which it was measured, always in pixels of the
+        frame: what differs from the plate there, with a margin.
     backward : bool
         True if the other frames say that it went the other way, to the left.
     place_scatter, path_scatter, radius_scatter : float
@@ -56,6 +59,7 @@ class Sighting:
     color: str
     evidence: float
     residual_excess: float
+    box: Box
     backward: bool = False
     place_scatter: float = 1.0
     path_scatter: float = 1.0

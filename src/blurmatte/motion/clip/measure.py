@@ -175,7 +175,8 @@ class Detector:
         except PlateError as error:  # it is not registered
             return replace(empty, reason=str(error))
         own = replace(self, scene=scene)
-        return own._detected(empty, list(scene.parts(frame, scene.boxes(frame, index))))
+        boxes = scene.boxes(frames, frame, index)
+        return own._detected(empty, list(scene.parts(frame, boxes)))
 
     def _detected(self, empty: FrameSightings, parts: Sequence[Part]) -> FrameSightings:
         streaks = self._streaks(parts)
@@ -187,7 +188,7 @@ class Detector:
             part, streak = rest.popleft()
             try:
                 one = _measured(part, streak, self.scene.model, inflation)
-                in_frame = one.measured.shifted(*box_in_frame(part)[:2])
+                in_frame = one.measured.shifted(*one.box[:2])
                 found.append(replace(one, measured=replace(in_frame, size=self.scene.plate.size)))
             except BlurmatteError as error:
                 reasons.append(str(error))
@@ -233,14 +234,14 @@ def _measured(part: Part, streak: Streak, model: ColorModel, inflation: float) -
     light = _motion_of_source(sweep, (image, plate), streak, model)
     if not sweep.rejection and light is None:
         motion = motion_of_sweep(sweep, image.meta.exposure_time, image.meta.readout)
-        return _sighting(motion, streak, replace(model, mean=sweep.model.mean), sweep)
+        return _sighting(motion, part, streak, replace(model, mean=sweep.model.mean), sweep)
     if model.rank == 3:
         raise MotionError(f"{_NO_DISC}, and without a color nothing else can be measured")
     if light is not None:
-        return _sighting(light, streak, model, sweep)
+        return _sighting(light, part, streak, model, sweep)
     motion, model = _motion_of_pixels((image, plate), streak, model)
     motion = replace(motion, covariance=inflation**2 * motion.covariance)
-    return _sighting(motion, streak, model, sweep)
+    return _sighting(motion, part, streak, model, sweep)
 
 
 def _motion_of_source(sweep: Sweep, part: Part, streak: Streak, model: ColorModel) -> Motion | None:
@@ -290,7 +291,9 @@ def _motion_of_pixels(part: Part, streak: Streak, model: ColorModel) -> tuple[Mo
     return motion, solution.model
 
 
-def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Sighting:
+def _sighting(
+    motion: Motion, part: Part, streak: Streak, model: ColorModel, sweep: Sweep
+) -> Sighting:
     """The detection going to the right; the sweep is left out, which would be kept for each frame."""
     motion = motion.reversed if abs(motion.angle) > np.pi / 2 else motion
     return Sighting(
@@ -298,6 +301,7 @@ def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -
         model.color,
         float(streak.evidence),
         sweep.diagnostics.residual_excess,
+        box_in_frame(part),
     )
 
 
@@ -376,7 +380,10 @@ def _explains(curve: Transfer, frame: LinearImage, plate: LinearImage) -> bool:
 def _log_radii(
     frame: LinearImage, plate: LinearImage, seen: Sighting
 ) -> np.typing.NDArray[np.float64] | None:
-    """(curves,) log of the radius with each curve over that with the assumed one; None if unknown."""
+    """(curves,) log of the radius with each curve over that with the assumed one; None if unknown.
+
+    Each is fitted here in the same way, so that they differ by the curve alone.
+    """
     assumed = frame.meta.transfer
     if assumed is None:
         return None

@@ -49,7 +49,8 @@ class StaticScene:
         Noise known.
     noise : Noise or (H, W, 3) float
         Of frames that have none of their own.
-    gate : Gate
+    gate : Gate, optional
+        None of a camera that moves: each frame has its own.
     hidden : (H, W) bool, optional
         Where something is in front of the scene.
     coding : CodingErrors, optional
@@ -67,7 +68,7 @@ class StaticScene:
 
     plate: LinearImage
     noise: Noise | Floats
-    gate: Gate
+    gate: Gate | None
     hidden: Bools | None = None
     coding: CodingErrors | None = None
     surveyed: Mapping[int, tuple[Box, ...]] = field(default_factory=dict)
@@ -95,10 +96,8 @@ class StaticScene:
         first = replace(first, meta=replace(first.meta, coding=None))  # crops have it by `coding`
         if camera is not None:
             plate = with_noise(first, plate)[1] if plate.noise is None else plate
-            first, seen = with_noise(first, camera.plate_at(k, plate))
-            (one,) = coded_frames(frames, slice(k, k + 1))
-            gate = _gate(frames, one, seen, hidden)
-            return cls(plate, _of_each_channel(first), gate, hidden, camera=camera)
+            first, _ = with_noise(first, camera.plate_at(k, plate))
+            return cls(plate, _of_each_channel(first), None, hidden, camera=camera)
         if hidden is not None:
             plate = replace(plate, valid=plate.valid & ~hidden)
         first, plate = with_noise(first, plate)
@@ -117,14 +116,17 @@ class StaticScene:
         plate = self.camera.plate_at(index, self.plate)
         if self.hidden is not None:
             plate = replace(plate, valid=plate.valid & ~self.hidden)
-        known = index in self.surveyed
-        gate = self.gate if known else _gate(frames, frame, plate, self.hidden)
-        return replace(self, plate=plate, gate=gate, camera=None)._with_filter(frame)
+        return replace(self, plate=plate, camera=None)._with_filter(frame)
 
-    def boxes(self, frame: CodedFrame, index: int) -> tuple[Box, ...]:
-        """Around each part that moved in the frame with this index."""
+    def boxes(
+        self, frames: Sequence[LinearImage], frame: CodedFrame, index: int
+    ) -> tuple[Box, ...]:
+        """Around each part that moved in the frame with this index; parameters as of `at`."""
         known = self.surveyed.get(index)
-        return self.gate.changes(frame) if known is None else known
+        if known is not None:
+            return known
+        gate = self.gate or _gate(frames, frame, self.plate, self.hidden)
+        return gate.changes(frame)
 
     def parts(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Part]:
         """Image and plate in boxes of a frame, noise known; `box_in_frame` is the place of a part."""
@@ -289,5 +291,5 @@ def _changes(
     for k, frame in enumerate(each_coded(frames), first):
         if frame is not None:
             with suppress(PlateError):  # it is not registered
-                found[k] = scene.at(frames, frame, k).gate.changes(frame)
+                found[k] = scene.at(frames, frame, k).boxes(frames, frame, k)
     return found

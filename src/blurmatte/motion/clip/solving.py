@@ -1,4 +1,9 @@
-"""FrameSolver: the solution of one frame of a clip, with what the frames share as a prior."""
+"""FrameSolver: the solution of one frame of a clip, with what the frames share as a prior.
+
+A frame that was measured is fitted again: path and radius that the other frames predict change the fit,
+and are known only when all frames are measured. The stretch by the camera and the odds of silhouettes
+come from fits to some frames before, for they are a part of that prior.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.background import Matching
-from blurmatte.checks import Array, Box, box_from, check_kind, enclosing
+from blurmatte.checks import Array, check_kind, enclosing
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.case import Solver
@@ -29,7 +34,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
-from blurmatte.streaks.gate import MARGIN_PX
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
 from blurmatte.sweep.model.path import LINE, PARABOLA, PathFamily
@@ -114,7 +118,7 @@ class FrameSolver:
             If the object cannot be separated.
         """
         if row.sighting is None:
-            moved = enclosing(self.scene.boxes(frame, self.index_of[row.frame]))
+            moved = enclosing(self.scene.surveyed[self.index_of[row.frame]])
             (part,) = self.scene.parts(frame, [moved])
             of_any_color = replace(self.scene, model=ColorModel.any())
             return part, replace(self, scene=of_any_color)._solution(part, None, None, None)
@@ -140,12 +144,10 @@ class FrameSolver:
         """The part around the object; streak, start of the fit and prior in it."""
         sighting, prior = row.sighting, row.prior
         assert sighting is not None
-        boxes = self.scene.boxes(frame, self.index_of[row.frame])
-        box = _box_of(sighting, boxes, frame.size)
-        (part,) = self.scene.parts(frame, [box])
+        (part,) = self.scene.parts(frame, [sighting.box])
         if prior is not None:
-            prior = prior.shifted(-np.array(box[:2], float))
-        start = _start(sighting, box, self.scene.model, prior)
+            prior = prior.shifted(-np.array(sighting.box[:2], float))
+        start = _start(sighting, self.scene.model, prior)
         return part, self._streak(part, sighting), start, prior
 
     def stretch(self, frames: Sequence[LinearImage], row: FrameMotion) -> Stretch | None:
@@ -207,7 +209,10 @@ class FrameSolver:
         return odds if sweep.diagnostics.prior_probability > self.min_probability else None
 
     def _streak(self, part: Part, sighting: Sighting) -> Streak | None:
-        """The streak in a part that was measured there; None if it is not found again."""
+        """The streak in a part that was measured there; None if it is not found again.
+
+        Masks of all frames would fill memory and manifest; to find one takes a fiftieth of a solution.
+        """
         streaks = self.scene.streaks(part)
         if not streaks and self.scene.color is None:
             streaks = find_streaks(*part)
@@ -357,23 +362,12 @@ def _decided(
     return disc, shape
 
 
-def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:
-    """The box of the frame in which the streak was measured, or one around it."""
-    x, y = center = sighting.motion.center
-    inside = [box for box in boxes if box[0] <= x < box[2] and box[1] <= y < box[3]]
-    if inside:
-        return inside[0]
-    reach = 2 * sighting.motion.radius + sighting.motion.length / 2 + MARGIN_PX
-    return box_from(np.floor(center - reach), np.ceil(center + reach), size)
-
-
-def _start(
-    sighting: Sighting, box: Box, model: ColorModel, prior: MotionPrior | None
-) -> Sweep | None:
-    """Where the fit in a box starts: the path from all frames, or else the one that was measured."""
+def _start(sighting: Sighting, model: ColorModel, prior: MotionPrior | None) -> Sweep | None:
+    """Where the fit in a part starts: the path from all frames, or else the one that was measured."""
     if not sighting.motion.has_shape and prior is None:
         return None
     family: PathFamily = LINE
+    box = sighting.box
     ends = sighting.motion.trajectory.xy[[0, -1]].ravel()
     path = LINE.shifted(ends, -np.array(box[:2], float))
     if prior is not None and prior.path is not None:
