@@ -5,14 +5,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
+from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, SIZE, path_of
+from tests.scenes import noisy, rendered
 
 import blurmatte as bm
 from blurmatte.motion.clip.clip_path import with_priors
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, rows_with_priors
 from blurmatte.motion.clip.workers import shared
+from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.statistics import pooled_log_odds
+from blurmatte.trajectory import Trajectory
 
 COLOR_MODEL = bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR))
 
@@ -53,6 +56,18 @@ def test_sweep_lies_in_the_whole_picture(solved, truth):
         assert x0 < middle[0] < x1
         assert y0 < middle[1] < y1
         assert solution.sweep.size == solution.size
+
+
+def test_curved_path_that_no_other_frame_predicts_is_a_parabola():
+    """Oracle: the fit starts from the path that was measured in the frame."""
+    t = np.linspace(0, 1, 65)
+    curve = np.stack([16 + 45 * t, 18 + 40 * (t - 0.5) ** 2], axis=1)
+    scene = Scene(colorful_plate(SIZE, 1, tile=12), Trajectory(curve, t), Ball(RADIUS, COLOR))
+    frame, plate = noisy(rendered(scene), bm.NoiseModel(read_std=1e-3), 1)
+    ((_, solution),) = bm.solve_clip([frame], plate, COLOR_MODEL)
+    assert solution.sweep.in_words == "disc on a parabola"
+    assert np.abs(solution.sweep.trajectory.at(0.5) - curve[32]).max() < 0.2
+    assert abs(solution.sweep.radius - RADIUS) < 0.1
 
 
 def test_frames_that_mislead_are_outvoted():

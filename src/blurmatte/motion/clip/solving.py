@@ -36,7 +36,7 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch
-from blurmatte.sweep.model.path import LINE, PARABOLA, PathFamily
+from blurmatte.sweep.model.path import PARABOLA, PathFamily
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.silhouette import DISC
 
@@ -366,15 +366,12 @@ def _start(sighting: Sighting, model: ColorModel, prior: MotionPrior | None) -> 
     """Where the fit in a part starts: the path from all frames, or else the one that was measured."""
     if not sighting.motion.has_shape and prior is None:
         return None
-    family: PathFamily = LINE
-    box = sighting.box
-    ends = sighting.motion.trajectory.xy[[0, -1]].ravel()
-    path = LINE.shifted(ends, -np.array(box[:2], float))
+    x0, y0, x1, y1 = sighting.box
+    (path,) = PARABOLA.starts(sighting.motion.trajectory.xy - np.array([x0, y0], float))
     if prior is not None and prior.path is not None:
-        family, path = PARABOLA, prior.path.points.ravel()
+        path = prior.path.points.ravel()
     radius = sighting.motion.radius if prior is None else prior.radius
-    size = box[2] - box[0], box[3] - box[1]
-    return swept_disc(family, path, radius, model, size)
+    return swept_disc(PARABOLA, path, radius, model, (x1 - x0, y1 - y0))
 
 
 def swept_disc(
