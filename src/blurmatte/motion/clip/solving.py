@@ -41,8 +41,9 @@ from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.silhouette import DISC
 
 STRETCH_FRAMES = 16  # of which the camera's readout time is measured at most
-SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a time
+SILHOUETTE_FRAMES = 4  # in which a disc is compared with other silhouettes at a time
 _STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between these
+_SILHOUETTE_STARTS = (*_STARTS, 0.75, 0.125, 0.625)
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 _Found = Callable[[Sequence[FrameMotion]], Iterator[Any]]  # what is found in frames given alone
 
@@ -351,7 +352,7 @@ def _decided(
     """
     odds: list[tuple[float, float]] = []
     total = np.zeros(2)
-    for some in spread_out(known, SILHOUETTE_FRAMES, _STARTS):
+    for some in spread_out(known, SILHOUETTE_FRAMES, _SILHOUETTE_STARTS):
         found = zip(odds_of([rows[k] for k in some]), some, strict=True)
         pairs = [(one, costs[k]) for one, k in found if one is not None]
         odds += [(disc - cost, shape - cost) for (disc, shape), cost in pairs]
