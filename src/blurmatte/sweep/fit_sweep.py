@@ -93,7 +93,7 @@ Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 _MAX_STREAKS = 5  # that are compared
 # Of the plate's light that it loses: less hardly changes alpha, and costs a search
 _MIN_LOSS = 0.02
-# Of a streak in that light: a smaller one justifies a search
+# Of a streak in that light, of its pixels or its evidence: a smaller one justifies a search
 _MAX_REMAINING_FRACTION = 0.9
 _MIN_REFINED_WEIGHT = 1e-2  # probability of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
@@ -351,23 +351,59 @@ def _in_light(
     found: before the plate as it is, in the observation.
     rest: the streak in that light.
     """
-    in_light = lighting.lit(observation)
-
-    def with_light(evidence: Evidence) -> Evidence:
-        """Of hypotheses in that light, and of the light."""
-        return replace(evidence, cost=evidence.cost + lighting.cost)
-
     if found.observation.is_known_disc:
-        both = [found.best_evidence(one) for one in (observation, in_light)]
-        if hypothesis_weights([both[0], with_light(both[1])])[1] < 0.5:
+        lit = found.best_evidence(lighting.lit(observation))
+        both = [found.best_evidence(observation), replace(lit, cost=lit.cost + lighting.cost)]
+        if hypothesis_weights(both)[1] < 0.5:
             return []
+    else:
+        lighting, rest = _light_around(found, observation, lighting, rest, request)
     # That light holds the shadow of the object.
     shapes = [one for one in request.hypotheses if not one.changes_plate]
+    evidence, others = _fitted_in(lighting, rest, found, observation, request, shapes)
+    return [] if math.isinf(evidence.cost) else [(evidence, others)]
+
+
+def _light_around(
+    found: Hypotheses,
+    observation: Observation,
+    lighting: Lighting,
+    rest: Streak,
+    request: _FitRequest,
+) -> tuple[Lighting, Streak]:
+    """The light estimated again without the pixels of a disc, if it is likelier; the streak in it.
+
+    The first estimate knows no object, and may be darker where that is.
+    """
+    fit = partial(
+        _fitted_in, found=found, observation=observation, request=request, shapes=(Disc(),)
+    )
+    before, disc = fit(lighting, rest)
+    outside = disc.as_fitted.outside_of_best(observation)
+    grain = observation.grain * half_width_of(rest) / half_width_of(found.streak)
+    around = fit_lighting(replace(outside, grain=grain), not lighting.is_colored)
+    again = _streak_within(found.streak, request.image, around.on(found.plate))
+    if again is None:
+        return lighting, rest
+    if math.isfinite(before.cost) and not is_decisively_likelier(fit(around, again)[0], before):
+        return lighting, rest
+    return around, again
+
+
+def _fitted_in(
+    lighting: Lighting,
+    rest: Streak,
+    found: Hypotheses,
+    observation: Observation,
+    request: _FitRequest,
+    shapes: Sequence[Hypothesis],
+) -> tuple[Evidence, "_Candidates"]:
+    """Shapes in a light, and the evidence for both; its cost is infinite if they are impossible."""
     others = replace(request, hypotheses=shapes).candidates(lighting.on(found.plate), rest)
-    other = others.as_fitted
-    if not lighting.is_possible(other.best.alpha):
-        return []
-    return [(with_light(other.best_evidence(in_light)), others)]
+    fitted = others.as_fitted
+    evidence = fitted.best_evidence(lighting.lit(observation))
+    cost = evidence.cost + lighting.cost if lighting.is_possible(fitted.best.alpha) else math.inf
+    return replace(evidence, cost=cost), others
 
 
 def _lighting_of(
@@ -387,7 +423,10 @@ def _lighting_of(
     finer = replace(observation, grain=observation.grain * width / half_width_of(streak))
     lighting = fit_lighting(finer, is_gray)
     rest = _streak_within(streak, image, lighting.on(plate))
-    if rest is None or rest.mask.sum() > _MAX_REMAINING_FRACTION * streak.mask.sum():
+    if rest is None:
+        return None
+    remaining = min(rest.mask.sum() / streak.mask.sum(), rest.evidence / streak.evidence)
+    if remaining > _MAX_REMAINING_FRACTION:
         return None
     return lighting, rest
 
