@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from tests.scenes import noisy, rendered
 
+from blurmatte.background import PlateGuess
 from blurmatte.color.model import ColorModel
 from blurmatte.figures import draw_overview, style
 from blurmatte.figures.solution import _layout, _surroundings
@@ -262,3 +263,15 @@ def test_rejects_different_sizes():
     image, plate, solution = solved((60, 40), (20, 20), (40, 20))
     with pytest.raises(ValueError, match="same size"):
         draw_overview(image, LinearImage(plate.rgb[:30]), solution)
+
+
+def test_sheet_names_a_guess_in_the_light_of_a_camera(monkeypatch):
+    image, plate, answer = solved((60, 40), (20, 20), (40, 20))
+    meta = replace(plate.meta, to_srgb=tuple(map(tuple, np.eye(3))))
+    draws = (plate.rgb[answer.streak_place],)
+    guess = PlateGuess(
+        plate.rgb, plate.variance, plate.valid, meta, answer.streak, draws, draws[0], NOISE
+    )
+    written = texts(monkeypatch)
+    draw_overview(image, guess, answer)
+    assert "a guess" in [words for words, _ in written]

@@ -108,6 +108,7 @@ class PlateGuess(LinearImage):
     texture: Floats = None  # type: ignore[assignment]
     image_noise: NoiseModel = None  # type: ignore[assignment]
     errors: GuessError | None = None
+    is_guess = True
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.background import PlateGuess
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.numbers import rounded_std, with_article, with_error
 from blurmatte.matting.maps import Grade, Quality
@@ -475,7 +474,7 @@ def usable_all_the_same(image: LinearImage, plate: LinearImage, solution: Soluti
     """
     if solution.stats.grade is not Grade.ASSUMED:
         return []
-    if solution.stats.may_be_shadow or isinstance(plate, PlateGuess):
+    if solution.stats.may_be_shadow or plate.is_guess:
         return []  # before a guess, an opaque object of any form gives back the image
     if not _gives_back(image, plate, solution):
         return []

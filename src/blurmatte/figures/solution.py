@@ -89,13 +89,9 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     check_solution("solution", solution)
     check_same_size("image", image.size, "plate", plate.size)
     check_same_size("image", image.size, "solution", solution.size)
-    guess = plate if isinstance(plate, PlateGuess) else None
-    image, plate = image.in_srgb(), plate.in_srgb()
-    layout = _layout(solution, 6 if guess is None else 8)
+    image, layout = image.in_srgb(), _layout(solution, 8 if plate.is_guess else 6)
     place = _surroundings(solution, layout)
     panels = _panels(image, plate, solution, place)
-    if guess is not None:
-        panels[2:2] = _guess_panels(guess, place)
     sheet = Canvas()
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
     sheet.title(
@@ -199,7 +195,7 @@ def _panels(
     background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
     return [
         Panel(image.rgb[place], "image"),
-        Panel(plate.rgb[place], "plate", "a guess" if isinstance(plate, PlateGuess) else ""),
+        *_plate_panels(plate, place),
         Panel.gray(layer.alpha, peak, "alpha"),
         Panel(layer.premultiplied, "light", "that is added, over black")
         if solution.stats.only_adds_light
@@ -209,15 +205,18 @@ def _panels(
     ]
 
 
-def _guess_panels(guess: PlateGuess, place: tuple[slice, slice]) -> list[Panel]:
-    """Another scene that agrees with the surroundings, and the error of the guess."""
-    rows, columns = place
+def _plate_panels(plate: LinearImage, place: tuple[slice, slice]) -> list[Panel]:
+    """The plate; of a guess also another scene that agrees with the surroundings, and its error."""
+    light, (rows, columns) = plate.in_srgb().rgb[place], place
+    if not isinstance(plate, PlateGuess):
+        return [Panel(light, "plate")]
     shown = columns.start, rows.start, columns.stop, rows.stop
-    box = enclosing([guess.surroundings, shown])
-    part, place = guess.around_hidden(box), rows_columns(shown, box)
+    box = enclosing([plate.surroundings, shown])
+    part, place = plate.around_hidden(box), rows_columns(shown, box)
     std = np.where(part.hidden, np.sqrt(np.asarray(part.variance).mean(axis=-1)), 0)
     top = round_up(float(np.percentile(std[part.hidden], 98)))
     return [
+        Panel(light, "plate", "a guess"),
         Panel(part.plates[1].in_srgb().rgb[place], "as likely", "another scene"),
         Panel.heat(std[place], top, "plate error", "std of the guess, 1 is white"),
     ]

@@ -121,16 +121,10 @@ def solve(
     confirmed: alpha within 0.0022, its sum within 0.6 %.
     """
     _check(image, plate, model, solver, streak, out, start)
-    request = _Request(model, _shown_in(plate, solver or Averaged()), streak, start, prior, out)
+    request = _Request(model, solver or Averaged(), streak, start, prior, out)
     if isinstance(plate, PlateGuess):
         return _before_guess(image, plate, request, occluder)
     return _solved(_matched(image, plate, matching, occluder), request)
-
-
-def _shown_in(plate: LinearImage, solver: Solver) -> Solver:
-    """A solver without hypotheses of shadows if the error of a guess is as large as their changes."""
-    is_rough = isinstance(plate, PlateGuess) and plate.is_rough
-    return solver.without_plate_changes() if is_rough else solver
 
 
 def _before_guess(
@@ -139,8 +133,11 @@ def _before_guess(
     """The solution before a guessed plate; before its draws by a quick solver, from the first one.
 
     Of the surroundings alone, as elsewhere image and guess are one picture, unless sweeps are given in
-    pixels of the whole picture, or arrays for it.
+    pixels of the whole picture, or arrays for it. Without hypotheses of shadows if the error of the
+    guess is as large as their changes.
     """
+    if plate.is_rough:
+        request = replace(request, solver=request.solver.without_plate_changes())
     box, size, streak = plate.surroundings, image.size, request.streak
     is_part = request.start is None and request.prior is None and request.out is None
     if is_part:

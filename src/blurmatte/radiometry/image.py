@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from itertools import permutations
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -152,6 +153,7 @@ class LinearImage(Displayed):
     noise: Noise | Floats | None = None
     valid: Bools = None  # type: ignore[assignment]
     meta: Meta = Meta()
+    is_guess: ClassVar[bool] = False  #: whether it was not photographed, as a `PlateGuess`
 
     def __post_init__(self) -> None:
         rgb, valid = without_mask(self.rgb, self.valid)

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
-from blurmatte.background import PlateGuess
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Bools, check_kind
 from blurmatte.errors import PlateError
@@ -138,7 +137,7 @@ def fit_of_doubted_curve(
     """
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if not alike or isinstance(plate, PlateGuess):
+    if not alike or plate.is_guess:
         return None
     accepted = None if sweep is None or sweep.rejection else sweep
     shape = accepted.silhouette if accepted is not None and accepted.model.rank == 1 else None
