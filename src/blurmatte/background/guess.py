@@ -398,15 +398,7 @@ class _AroundRegion:
         for one in self.drawn:
             fine = self._textured(rng, inner) + self.lines.drawn(rng)[inner]
             draws.append((mean + (in_pixels(one) + fine) @ self.axes.T).astype(rgb.dtype))
-        # It is no file: it has neither the steps nor the blocks of the image's.
-        meta = replace(
-            image.meta,
-            source="plate guessed from the surroundings",
-            levels=None,
-            compression=None,
-            subsampled=False,
-            coding=None,
-        )
+        meta = replace(image.meta.of_no_file, source="plate guessed from the surroundings")
         texture = (self._textured(rng, inner) @ self.axes.T).astype(rgb.dtype)
         valid = image.valid | hidden
         of_pixels = own[hidden[place]].mean(axis=0) + _MIN_VARIANCE

@@ -30,12 +30,10 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry import (
-    LINEAR,
     CodingError,
     LinearImage,
     Meta,
     NoiseModel,
-    rounding_variance,
 )
 from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import UNIFORM_VARIANCE
@@ -282,12 +280,6 @@ class _CodeError:
     # Of a frame that was warped; what it differs by beyond is error.
     noise: NoiseModel | None = None
 
-    def rounding(self, light: Floats) -> Floats:
-        """Variance by rounding in one frame, at each light; 0 if it held floats."""
-        if self.meta.levels is None:
-            return np.zeros_like(light)
-        return rounding_variance(light, self.meta.levels, self.meta.transfer or LINEAR)
-
 
 def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -> Estimates:
     """Light, its variance, whether it is valid, coverage, and the variance that all frames share."""
@@ -302,8 +294,8 @@ def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -
 
     def channel(c: int) -> None:
         """Noise of a channel, and what all frames share."""
-        usual, rounding = modes.variance[..., c], file.rounding(rgb[..., c])
-        noise[..., c], scatter = _variance(sums, c, windows, usual, rounding)
+        rounding = UNIFORM_VARIANCE * file.meta.step(rgb[..., c]) ** 2
+        noise[..., c], scatter = _variance(sums, c, windows, modes.variance[..., c], rounding)
         if of_frame is not None:
             noise[..., c] += np.maximum(scatter - of_frame[..., c], 0)
         if file.coding is not None and shared is not None:

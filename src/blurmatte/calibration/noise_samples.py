@@ -22,7 +22,7 @@ from blurmatte.checks import (
     rows_columns,
 )
 from blurmatte.errors import NoiseError
-from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import robust_std
 
 Rows = Indices | slice
@@ -59,7 +59,7 @@ class Sample:
     freedom: float  # degrees of freedom of v
     frames: float  # number of frames averaged for `light`; infinite if it has no noise
     repeated: bool  # true if the same light was measured repeatedly
-    step: Array  # (H, W, 3) float: light per code value of the file; 0 for floats
+    step: Floats  # (H, W, 3) float: light per code value of the file; 0 for floats
     rounding: NoiseModel  # noise of rounding to these steps
 
 
@@ -93,7 +93,7 @@ def noise_of_frames(
     v, e = np.asarray(squares, float) / (2 * pairs), np.asarray(change, float) / np.sqrt(2)
     # Successive differences share a frame: E[d_t d_t+1] = -σ².
     freedom = 2 * pairs**2 / (3 * pairs - 1)
-    step, rounding = _step(first, mean), rounding_noise(first)
+    step, rounding = first.meta.step(np.maximum(mean, 0)), rounding_noise(first)
     return Sample(mean, v, e, use, freedom, pairs + 1, True, step, rounding)
 
 
@@ -135,9 +135,8 @@ def noise_within(picture: LinearImage, region: Bools) -> Sample:
             e[tile], use[tile] = _parabola_residuals(light[tile], use[tile])
     require_pixels(use)
     light = light - e
-    return Sample(
-        light, e**2, e, use, 1.0, np.inf, False, _step(picture, light), rounding_noise(picture)
-    )
+    step, rounding = picture.meta.step(np.maximum(light, 0)), rounding_noise(picture)
+    return Sample(light, e**2, e, use, 1.0, np.inf, False, step, rounding)
 
 
 def require_pixels(use: Bools) -> None:
@@ -173,13 +172,6 @@ def _unclipped(picture: LinearImage, place: Rows) -> Bools:
     if picture.meta.levels is not None:
         valid &= picture.rgb[place] > 0
     return valid
-
-
-def _step(picture: LinearImage, light: Array) -> Array:
-    if picture.meta.levels is None:
-        return np.zeros_like(light)
-    curve = picture.meta.transfer or LINEAR
-    return np.asarray(curve.slope(np.maximum(light, 0)) / (picture.meta.levels - 1))
 
 
 def _without_drift(change: Floats32, light: Floats32, use: Bools, number: int) -> Floats32:

@@ -15,7 +15,6 @@ from blurmatte.radiometry.image import smooth_variance as smooth_variance
 from blurmatte.radiometry.image import whitened as whitened
 from blurmatte.radiometry.noise_model import Noise as Noise
 from blurmatte.radiometry.noise_model import NoiseModel as NoiseModel
-from blurmatte.radiometry.noise_model import rounding_variance as rounding_variance
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS as LUMA_WEIGHTS
 from blurmatte.radiometry.transfer import REC709 as REC709

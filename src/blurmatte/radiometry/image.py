@@ -116,6 +116,17 @@ class Meta:
         compression = self.compression
         return None if compression is None or compression.shared == (1, 1) else compression
 
+    @property
+    def of_no_file(self) -> "Meta":
+        """The same of other light than the file's, which has neither its steps nor its blocks."""
+        return replace(self, levels=None, compression=None, subsampled=False, coding=None)
+
+    def step(self, light: Floats) -> Floats:
+        """Difference of two code values of the file at each light (...), as light; 0 for floats."""
+        if self.levels is None:
+            return np.zeros_like(light)
+        return np.asarray((self.transfer or LINEAR).slope(light) / (self.levels - 1))
+
 
 @dataclass(frozen=True, eq=False)
 class LinearImage(Displayed):
@@ -295,12 +306,11 @@ def with_inflated(picture: LinearImage, factor: float) -> LinearImage:
 
 def _equal_channels(picture: LinearImage) -> bool:
     """True if the channels are equal, up to the rounding of 16-bit floats."""
-    transfer, levels = picture.meta.transfer or LINEAR, picture.meta.levels
+    relative = 1e-3 if picture.meta.levels is None else 1e-6
     for rows in (slice(None, None, 64), slice(None)):  # most pictures need no more than some rows
         light = picture.rgb[rows]
         most = light.max(axis=-1)
-        relative, step = (1e-3, 0.0) if levels is None else (1e-6, 1 / (levels - 1))
-        tolerance = relative * np.abs(most) + 0.5 * step * np.abs(transfer.slope(most))
+        tolerance = relative * np.abs(most) + 0.5 * np.abs(picture.meta.step(most))
         if np.any(most - light.min(axis=-1) > tolerance):
             return False
     return True

@@ -107,10 +107,10 @@ class NoiseModel(Noise):
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
         """Noise of rounding to `levels` code values, to about 10 %."""
         check_kind("transfer", transfer, Transfer, TRANSFER_HINT)
-        light = np.geomspace(0.005, 1, 100)
-        coefficients = fit_coefficients(light, rounding_variance(light, levels, transfer))
-        black = rounding_variance(np.zeros(1), levels, transfer)[0]
-        coefficients[0] = max(coefficients[0], black)
+        light = np.append(0, np.geomspace(0.005, 1, 100))
+        variance = UNIFORM_VARIANCE * (transfer.slope(light) / (levels - 1)) ** 2
+        coefficients = fit_coefficients(light[1:], variance[1:])
+        coefficients[0] = max(coefficients[0], variance[0])
         return cls.from_coefficients(np.tile(coefficients, (3, 1)))
 
     def times(self, factor: float) -> NoiseModel:
@@ -131,11 +131,6 @@ class NoiseModel(Noise):
         variance *= positive
         variance += constant
         return variance
-
-
-def rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
-    """Variance of rounding to one of `levels` code values, light², at `light` (...)."""
-    return UNIFORM_VARIANCE * (transfer.slope(light) / (levels - 1)) ** 2
 
 
 def fit_coefficients(light: Floats, variance: Floats, weight: Floats | float = 1.0) -> Floats:

@@ -478,10 +478,7 @@ def _is_alone_explaining(thin: State, disc: State) -> bool:
 
 def _light_alone(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
     """The light that was added to a plate, and a black plate."""
-    meta = replace(
-        image.meta, transfer=None, transfer_assumed=False, levels=None, compression=None,
-        subsampled=False, coding=None,
-    )  # fmt: skip
+    meta = replace(image.meta.of_no_file, transfer=None, transfer_assumed=False)
     noise, valid = image.variance + plate.variance, image.valid & plate.valid
     black = np.zeros_like(plate.rgb)
     return (

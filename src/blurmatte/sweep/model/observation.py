@@ -9,7 +9,6 @@ import scipy
 
 from blurmatte.checks import Array, Bools, Floats, rows_columns
 from blurmatte.radiometry import (
-    LUMA_WEIGHTS,
     Compression,
     GuessError,
     LinearImage,
@@ -280,6 +279,4 @@ def _chroma_error(change: Array, compression: Compression | None) -> Array | Non
     """(h, w, 3) error of a change of light whose chroma was blurred: the effect of a second blur."""
     if compression is None:
         return None
-    std = compression.spread
-    chroma = change - (change @ LUMA_WEIGHTS)[..., None]
-    return np.asarray(chroma - scipy.ndimage.gaussian_filter(chroma, (std, std, 0)))
+    return change - ChromaBlur(compression.spread).seen(change)
