@@ -23,14 +23,15 @@ import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Codes8, Floats, Floats32
-from blurmatte.radiometry.transfer import Transfer
-from blurmatte.statistics import UNIFORM_VARIANCE
+from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, Transfer, ycbcr_matrix
+from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 
 Steps = tuple[tuple[int, ...], ...]
 
@@ -111,7 +112,7 @@ class Compression:
 
         The noise is a standard deviation of each channel, 0…1. The draws are seeded.
         """
-        whole, place = self._whole(codes)
+        whole, place = _in_units(np.asarray(codes, np.float32), self.origin, self.mcu)
         total = np.zeros(whole.shape)
         for draw in _noise():
             times = *(-(-n // _NOISE_SHAPE[1]) for n in whole.shape[:2]), 1
@@ -121,18 +122,10 @@ class Compression:
 
     def once(self, codes: Floats) -> Array:
         """What the file returns for code values (H, W, 3), 0…1."""
-        whole, place = self._whole(codes)
+        whole, place = _in_units(np.asarray(codes, np.float32), self.origin, self.mcu)
         return np.asarray(self._written(whole)[place] / 255)
 
-    def _whole(self, codes: Floats) -> tuple[Floats32, tuple[slice, slice]]:
-        """Codes padded to whole coded units, and the place of the codes in them."""
-        h, w = codes.shape[:2]
-        left, top = (o % n for o, n in zip(self.origin, self.mcu, strict=True))
-        sides = (top, -(top + h) % self.mcu[1]), (left, -(left + w) % self.mcu[0]), (0, 0)
-        whole = np.pad(np.asarray(codes, np.float32), sides, mode="edge")
-        return whole, (slice(top, top + h), slice(left, left + w))
-
-    def _written(self, whole: Floats32) -> Codes8:
+    def _written(self, whole: Floats) -> Codes8:
         """Code values 0…255 read from a file of code values 0…1."""
         from PIL import Image
 
@@ -145,6 +138,18 @@ class Compression:
         Image.fromarray(codes).save(file, "JPEG", qtables=tables, subsampling=sampling)
         with Image.open(file) as picture:
             return np.array(picture)
+
+
+def _in_units(
+    codes: Floats,
+    origin: tuple[int, int],
+    unit: tuple[int, int],
+    mode: Literal["edge", "constant"] = "edge",
+) -> tuple[Floats, tuple[slice, slice]]:
+    """Codes (h, w, 3) padded to whole coded units, and the place of the codes in them."""
+    (h, w), (left, top) = codes.shape[:2], (o % n for o, n in zip(origin, unit, strict=True))
+    sides = (top, -(top + h) % unit[1]), (left, -(left + w) % unit[0]), (0, 0)
+    return np.pad(codes, sides, mode), (slice(top, top + h), slice(left, left + w))
 
 
 @cache
@@ -228,6 +233,21 @@ class FrameCoding:
         x, y = self.origin
         channels = [errors.moving.variance(light[..., c], c, y, x) for c in range(3)]
         return np.stack(channels, axis=-1, dtype=np.float32)
+
+    def lost(self, change: Array) -> Array | None:
+        """(H, W, 3) what moving blocks lose of a change of R'G'B' codes; None if not known.
+
+        The change is 0 around the pixels. Two pixels in each direction share their chroma.
+        """
+        errors, matrix = self.errors(), ycbcr_matrix(LUMA_WEIGHTS_709)
+        if errors is None:
+            return None
+        whole, place = _in_units(change, self.origin, (MACROBLOCK, MACROBLOCK), "constant")
+        Y, *chroma = np.moveaxis(whole @ matrix.T, -1, 0)
+        step, pair = errors.moving_step, np.ones((2, 2))
+        of_chroma = [np.kron(lost_change(cell_means(x, 2), step), pair) for x in chroma]
+        lost = np.stack([lost_change(Y, step), *of_chroma], axis=-1)
+        return np.asarray(lost @ np.linalg.inv(matrix).T)[place]
 
 
 def lost_change(change: Floats, step: float) -> Array:

@@ -21,14 +21,10 @@ import numpy as np
 
 from blurmatte.checks import Array
 from blurmatte.radiometry import SRGB, LinearImage, Transfer
-from blurmatte.radiometry.compression import MACROBLOCK, lost_change
-from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
+from blurmatte.radiometry.compression import FrameCoding
 from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.ranking import (
-    Candidate,
-    colors_are_correlated,
-)
+from blurmatte.sweep.fit.ranking import Candidate, colors_are_correlated
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import light_before
 from blurmatte.sweep.model.observation import Observation
@@ -40,12 +36,10 @@ from blurmatte.sweep.sweep import Sweep
 
 def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     """The sweep of a state of an image before its codec; the same if its quantizers are not known."""
-    coding = image.meta.coding
-    errors = None if coding is None else coding.errors()
-    if coding is None or errors is None:
+    observation, coding, transfer = state.observation, image.meta.coding, image.meta.transfer
+    lost = None if coding is None else _lost_light(state, coding, transfer or SRGB)
+    if lost is None:
         return sweep
-    observation = state.observation
-    lost = _lost_light(state, image, errors.moving_step, coding.origin)
     after = state.relit(observation.with_light(observation.C + lost))
     H, g = after.information()
     g_before = state.information()[1]
@@ -71,24 +65,16 @@ def _slope(state: State, lost: Array) -> float:
     return float(np.einsum("yx,cyx,yxc->", state.weights, state.e, along))
 
 
-def _lost_light(state: State, image: LinearImage, step: float, corner: tuple[int, int]) -> Array:
-    """L, (h, w, 3); `corner` is where the image lies in the frame, whose corner is that of a block."""
-    observation, alpha = state.observation, state.swept.alpha
-    transfer, side = image.meta.transfer or SRGB, int(observation.scale)
+def _lost_light(state: State, coding: FrameCoding, transfer: Transfer) -> Array | None:
+    """L, (h, w, 3); None if it is not known."""
+    observation, alpha, side = state.observation, state.swept.alpha, int(state.observation.scale)
     light = np.maximum((1 - alpha)[..., None] * observation.B + state.own_light, 0)
     codes, plate = (np.asarray(transfer.encode(x)) for x in (light, observation.B))
-    first = [int(at - (side - 1) / 2) + c for at, c in zip(observation.origin, corner, strict=True)]
-    left, top = (at % MACROBLOCK for at in first)
-    fine = np.kron(codes - plate, np.ones((side, side, 1)))
-    h, w = fine.shape[:2]
-    more = (top, -(top + h) % MACROBLOCK), (left, -(left + w) % MACROBLOCK), (0, 0)
-    matrix = ycbcr_matrix(LUMA_WEIGHTS_709)
-    planes = np.pad(fine, more) @ matrix.T
-    planes[..., 0] = lost_change(planes[..., 0], step)
-    for c in (1, 2):
-        planes[..., c] = np.kron(lost_change(cell_means(planes[..., c], 2), step), np.ones((2, 2)))
-    lost = cell_means((planes @ np.linalg.inv(matrix).T)[top : top + h, left : left + w], side)
-    return np.asarray(light - transfer.decode(np.maximum(codes - lost, 0)))
+    x, y = (int(at - (side - 1) / 2) for at in observation.origin)
+    lost = coding.cropped(x, y).lost(np.kron(codes - plate, np.ones((side, side, 1))))
+    if lost is None:
+        return None
+    return np.asarray(light - transfer.decode(np.maximum(codes - cell_means(lost, side), 0)))
 
 
 def candidate_before_file(
