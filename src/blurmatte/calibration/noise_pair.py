@@ -3,6 +3,7 @@
 In this file C is the image's light, B the plate's, and d = C − B.
 """
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -193,15 +194,16 @@ def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, Lin
     check_picture("plate", plate)
     if image.noise is None or plate.noise is None:
         of_image, of_plate = fit_noise(image, plate)
-        image = image if image.noise is not None else _with_coding(image, of_image, plate)
+        if image.noise is None:
+            image = with_coding_errors(image, plate.with_noise(of_image))
         plate = plate if plate.noise is not None else plate.with_noise(of_plate)
     if are_gray(image, plate):
         return counted_once(image), counted_once(plate)
     return image, plate
 
 
-def _with_coding(image: LinearImage, noise: NoiseModel, plate: LinearImage) -> LinearImage:
-    """The image with its noise and, if it is a frame of a clip, with the errors of moving blocks."""
+def with_coding_errors(image: LinearImage, plate: LinearImage) -> LinearImage:
+    """The image with the noise that its plate is given and, of a clip, with errors of moving blocks."""
     coding = image.meta.coding
     error = None if coding is None else coding.variance(plate.rgb)
-    return image.with_noise(noise if error is None else noise.variance(plate.rgb) + error)
+    return replace(image, noise=plate.noise if error is None else plate.variance + error)

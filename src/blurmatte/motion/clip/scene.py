@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from blurmatte.background.plate import camera_path_after, plate_for_clip, plate_
 from blurmatte.background.registration import CameraPath
 from blurmatte.background.samples import CutError, max_coded_samples
 from blurmatte.calibration import with_noise
+from blurmatte.calibration.noise_pair import with_coding_errors
 from blurmatte.checks import Array, Bools, Box, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import PlateError
@@ -30,6 +31,7 @@ from blurmatte.radiometry.coded import (
     in_codes_of,
 )
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding
+from blurmatte.radiometry.image import with_inflated
 from blurmatte.statistics import MAD_TO_STD
 from blurmatte.streaks import Gate, Streak
 
@@ -134,8 +136,6 @@ class StaticScene:
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
             image = self.with_noise(image, box)
-            coding = FrameCoding(lambda: self.coding, box[:2])
-            image = replace(image, meta=replace(image.meta, coding=coding))
             yield image, plate if gain is None else times_gain(plate, gain)
 
     def streaks(self, part: Part) -> list[Streak]:
@@ -174,19 +174,16 @@ class StaticScene:
         That of a codec is known at the light of the plate: few levels of light do not determine how it
         grows. That of gray frames counts once (`Meta.one_channel`).
         """
-        image = image if image.noise is not None else image.with_noise(self._noise_in(box))
+        coding = FrameCoding(lambda: self.coding, box[:2])
+        image = replace(image, meta=replace(image.meta, coding=coding))
+        if image.noise is None:
+            image = with_coding_errors(image, self._noisy_plate.crop(box))
         return counted_once(image) if self.plate.meta.one_channel else image
 
-    def _noise_in(self, box: Box) -> Noise | Floats:
-        """The noise of all frames in a box, of each channel on its own."""
-        place = rows_columns(box)
-        noise, plate = self.noise, self.plate.rgb[place]
-        noise = noise[place] if isinstance(noise, np.ndarray) else noise
-        of_coding = FrameCoding(lambda: self.coding, box[:2]).variance(plate)
-        if of_coding is None:
-            return noise
-        of_model = noise.variance(plate) if isinstance(noise, Noise) else noise
-        return np.asarray(of_model + of_coding, np.float32)
+    @cached_property
+    def _noisy_plate(self) -> LinearImage:
+        """The plate with the noise of all frames, of each channel on its own."""
+        return self.plate.with_noise(self.noise)
 
 
 def box_in_frame(part: Part) -> Box:
@@ -199,10 +196,7 @@ def box_in_frame(part: Part) -> Box:
 
 def _of_each_channel(frame: LinearImage) -> Noise | Floats:
     """The known noise of a frame; that of a gray one not counted once, as that of its codec."""
-    noise = noise_of(frame)
-    if not frame.meta.one_channel:
-        return noise
-    return noise.times(1 / 3) if isinstance(noise, Noise) else noise / 3
+    return noise_of(with_inflated(frame, 1 / 3) if frame.meta.one_channel else frame)
 
 
 def _gate(

@@ -29,10 +29,12 @@ class ChromaBlur:
 
     def seen(self, codes: Array) -> Array:
         """(h, w, 3) code values after the file."""
+        return codes - self.removed(codes)
+
+    def removed(self, codes: Array) -> Array:
+        """(h, w, 3) by how much they are larger before the file."""
         chroma = codes - (codes @ LUMA_WEIGHTS)[..., None]
-        return np.asarray(
-            codes - chroma + scipy.ndimage.gaussian_filter(chroma, (self.std, self.std, 0))
-        )
+        return np.asarray(chroma - scipy.ndimage.gaussian_filter(chroma, (self.std, self.std, 0)))
 
 
 @dataclass(frozen=True)

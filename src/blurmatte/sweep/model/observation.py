@@ -253,15 +253,17 @@ def observation_around(
     """
     box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
-    mask = streak.mask[rows_columns(box)]
-    C, B, _, _, valid = light_of(image, plate)
-    error = _chroma_error(C - B, image.meta.sharing)
+    mask, file = streak.mask[rows_columns(box)], image.meta.sharing
+    light = light_of(*whitened(image, plate))
+    valid, change = light[-1], np.subtract(image.rgb, plate.rgb, dtype=float)
+    # The effect of a second blur of chroma, where the change has been blurred once
+    error = None if file is None else ChromaBlur(file.spread).removed(change)
     if plate.meta.guess_error is not None:
         W = plate.meta.guess_error.whitening
         color, error = color.in_light(W), None if error is None else error @ W
     near = (scipy.ndimage.distance_transform_edt(~mask) <= margin) | ~valid
     return Observation(
-        *light_of(*whitened(image, plate)),
+        *light,
         (float(box[0]), float(box[1])),
         1.0,
         weight=np.where(valid, np.where(near, 1, 0.1), 0),  # pixels far from the streak are many
@@ -270,13 +272,6 @@ def observation_around(
         size=size,
         color=color.of_gray if image.meta.one_channel else color,
         chroma_error=error,
-        compression=image.meta.sharing,
+        compression=file,
         guess_error=plate.meta.guess_error,
     )
-
-
-def _chroma_error(change: Array, compression: Compression | None) -> Array | None:
-    """(h, w, 3) error of a change of light whose chroma was blurred: the effect of a second blur."""
-    if compression is None:
-        return None
-    return change - ChromaBlur(compression.spread).seen(change)
