@@ -53,14 +53,9 @@ from blurmatte.matting.smooth_field import (
     upsampled,
 )
 from blurmatte.matting.stats import SmoothSummary, SolutionStats
-from blurmatte.radiometry import YCBCR, LinearImage, Transfer
+from blurmatte.radiometry import YCBCR, Compression, LinearImage, Transfer
 from blurmatte.radiometry.compression import BLOCK
-from blurmatte.sweep.model.chroma_subsampling import (
-    Compressed,
-    file_of,
-    image_before,
-    light_of_colors,
-)
+from blurmatte.sweep.model.chroma_subsampling import file_of, image_before, light_of_colors
 
 MAX_STRENGTH = 1e6  # and its inverse: beyond them alpha is constant, or that of single pixels
 
@@ -356,10 +351,10 @@ def _in_pixels(values: Floats, levels: Sequence[CellEvidence]) -> Floats:
     return _inner(values)
 
 
-def _before_file(pixels: PixelPairs, file: Compressed, field: Field) -> PixelPairs:
+def _before_file(pixels: PixelPairs, file: Compression, field: Field) -> PixelPairs:
     """Pixels of the image before chroma subsampling, given alpha."""
     alpha = np.asarray(np.clip(_inner(field.x), 0, 1), float)
-    own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.std)
+    own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.spread)
     image = image_before(pixels.image, pixels.plate, alpha, own, file)
     return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
 

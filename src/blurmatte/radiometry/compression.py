@@ -61,6 +61,8 @@ class Compression:
         Horizontal and vertical chroma subsampling, 1 or 2.
     origin : (int, int)
         Position (x, y) of the first pixel relative to the corner of a block.
+    noise : float
+        Standard deviation of the code values that are compressed, 0…1.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class Compression:
     chroma: Steps
     shared: tuple[int, int] = (1, 1)
     origin: tuple[int, int] = (0, 0)
+    noise: float = 0.0
 
     def __post_init__(self) -> None:
         for name, steps in (("luma", self.luma), ("chroma", self.chroma)):
@@ -101,11 +104,21 @@ class Compression:
     def transposed(self) -> "Compression":
         """Compression of the transposed picture."""
         luma, chroma = (tuple(zip(*steps, strict=True)) for steps in (self.luma, self.chroma))
-        return Compression(luma, chroma, self.shared[::-1], self.origin[::-1])
+        return replace(
+            self, luma=luma, chroma=chroma, shared=self.shared[::-1], origin=self.origin[::-1]
+        )
 
     def mirrored(self, width: int) -> "Compression":
         """Compression of the picture mirrored left to right, of a width in pixels."""
         return replace(self, origin=(-self.origin[0] - width, self.origin[1]))
+
+    def in_noise(self, light: Floats, variance: Floats, transfer: Transfer) -> "Compression":
+        """Compression of pictures of this light and noise; what it removed hardly matters."""
+        return replace(self, noise=float(np.median(np.sqrt(variance) / transfer.slope(light))))
+
+    def seen(self, codes: Floats) -> Array:
+        """(H, W, 3) mean of what the file returns for code values with its noise."""
+        return self.expected(codes, self.noise)
 
     def expected(self, codes: Floats, noise: float) -> Array:
         """(H, W, 3) mean of what the file returns for code values R'G'B', 0…1, with noise.

@@ -391,13 +391,13 @@ class Sweep:
         if file is None or self.model.rank == 3:
             return image
         alpha = self.alpha_within(box)
-        own = light_of_colors(image, plate, alpha, self.model.basis, file.std)
+        own = light_of_colors(image, plate, alpha, self.model.basis, file.spread)
         return image_before(image, plate, alpha, own, file)
 
     def chroma_blur(self, image: LinearImage) -> float:
         """Pixels by which the image's file blurred colors, a standard deviation; 0 if it did not."""
         file = self._file(image)
-        return 0.0 if file is None else file.std
+        return 0.0 if file is None else file.spread
 
     def _file(self, image: LinearImage) -> File | None:
         """The file's effect on the image's code values."""

@@ -25,7 +25,7 @@ from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, LinearImage, T
 class ChromaBlur:
     """A file with a Gaussian blur of chroma."""
 
-    std: float  # standard deviation of the blur, pixels
+    spread: float  # standard deviation of the blur, pixels
 
     def seen(self, codes: Array) -> Array:
         """(h, w, 3) code values after the file."""
@@ -34,43 +34,20 @@ class ChromaBlur:
     def removed(self, codes: Array) -> Array:
         """(h, w, 3) by how much they are larger before the file."""
         chroma = codes - (codes @ LUMA_WEIGHTS)[..., None]
-        return np.asarray(chroma - scipy.ndimage.gaussian_filter(chroma, (self.std, self.std, 0)))
+        return np.asarray(
+            chroma - scipy.ndimage.gaussian_filter(chroma, (self.spread, self.spread, 0))
+        )
 
 
-@dataclass(frozen=True)
-class Compressed:
-    """A file of known compression."""
-
-    compression: Compression
-    noise: float  # standard deviation of code values
-
-    @classmethod
-    def of(
-        cls, compression: Compression, light: Floats, variance: Floats, transfer: Transfer
-    ) -> "Compressed":
-        """The file with the noise of the picture; the noise that compression removed hardly matters."""
-        codes = np.sqrt(variance) / transfer.slope(light)
-        return cls(compression, float(np.median(codes)))
-
-    @property
-    def std(self) -> float:
-        """Standard deviation of the blur of chroma, pixels."""
-        return self.compression.spread
-
-    def seen(self, codes: Array) -> Array:
-        """(h, w, 3) expected code values after the file."""
-        return self.compression.expected(codes, self.noise)
+File = ChromaBlur | Compression
 
 
-File = ChromaBlur | Compressed
-
-
-def file_of(image: LinearImage) -> Compressed | None:
+def file_of(image: LinearImage) -> Compression | None:
     """The file of an image whose noise is known, if its compression is known."""
     compression, transfer = image.meta.sharing, image.meta.transfer or SRGB
     if compression is None:
         return None
-    return Compressed.of(compression, image.rgb, image.variance, transfer)
+    return compression.in_noise(image.rgb, image.variance, transfer)
 
 
 def codes_before(

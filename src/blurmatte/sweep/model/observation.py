@@ -18,7 +18,7 @@ from blurmatte.radiometry import (
 )
 from blurmatte.statistics import CORRELATED_PX, block_squares, cell_means
 from blurmatte.streaks.streak import Streak, dilated
-from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, Compressed, File
+from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, File
 from blurmatte.sweep.model.color_field import ColorPrior, residuals_of_none
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
@@ -175,7 +175,7 @@ class Observation(PixelBox):
         if self.compression is None:
             return ChromaBlur(blur / self.scale)
         variance = self.C_variance / self.noise_inflation
-        return Compressed.of(self.compression, self.rgb(self.C), variance, transfer)
+        return self.compression.in_noise(self.rgb(self.C), variance, transfer)
 
     def with_light(self, C: Array) -> "Observation":
         """The same with other light of the image, linear RGB."""
