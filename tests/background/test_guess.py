@@ -8,7 +8,7 @@ from numpy.testing import assert_array_equal
 from blurmatte.background import PlateGuess, guess_plate, regions_that_stand_out
 from blurmatte.background.guess import noise_around
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, Meta
+from blurmatte.radiometry import LinearImage, Meta, Noise
 
 NOISE = 0.004
 REGION = np.zeros((72, 96), bool)
@@ -210,6 +210,19 @@ def test_texture_that_channels_share_is_not_taken_for_noise():
     shares = np.square([0.7, 1.0, 0.4])
     by_others = shares / (shares.sum() - shares)
     np.testing.assert_allclose(noise_of(grass(1)), 1e-4 * (1 + by_others), rtol=0.15)
+
+
+def test_stated_noise_of_any_kind_is_kept():
+    class Constant(Noise):
+        def variance(self, light):
+            return np.full_like(light, 1e-6)
+
+        def times(self, factor):
+            raise NotImplementedError
+
+    stated = Constant()
+    image = LinearImage(grass(1).astype(np.float32), stated)
+    assert noise_around(image, np.zeros(image.valid.shape, bool)) is stated
 
 
 def test_noise_that_demosaicking_makes_common_stays_noise():

@@ -34,6 +34,7 @@ from blurmatte.errors import NoiseError, PlateError
 from blurmatte.radiometry import (
     GuessError,
     LinearImage,
+    Noise,
     NoiseModel,
     are_gray,
     check_picture,
@@ -106,7 +107,7 @@ class PlateGuess(LinearImage):
     hidden: Bools = None  # type: ignore[assignment]
     draws: tuple[Floats, ...] = ()
     texture: Floats = None  # type: ignore[assignment]
-    image_noise: NoiseModel = None  # type: ignore[assignment]
+    image_noise: Noise = None  # type: ignore[assignment]
     errors: GuessError | None = None
     is_guess = True
 
@@ -246,13 +247,13 @@ def _too_little() -> PlateError:
     )
 
 
-def noise_around(image: LinearImage, region: Bools) -> NoiseModel:
+def noise_around(image: LinearImage, region: Bools) -> Noise:
     """Noise of the image where the scene is seen, at least that of rounding.
 
     The finest texture, such as grass, is everywhere in its surroundings. If it has one hue, channels
     share it, which they do not share noise.
     """
-    if isinstance(image.noise, NoiseModel):
+    if isinstance(image.noise, Noise):
         return image.noise
     least, even = rounding_noise(image), _even(image, ~region & image.valid)
     try:
@@ -378,7 +379,7 @@ class _AroundRegion:
         near[place] = scipy.ndimage.distance_transform_edt(~pixels) <= margin
         return hidden & (near | ~image.valid)
 
-    def guess(self, image: LinearImage, hidden: Bools, noise: NoiseModel) -> PlateGuess:
+    def guess(self, image: LinearImage, hidden: Bools, noise: Noise) -> PlateGuess:
         """The plate with what is hidden taken from the field."""
         box, shape = box_of(hidden), hidden[rows_columns(self.window)].shape
         place, inner = rows_columns(box), rows_columns(box, self.window)
