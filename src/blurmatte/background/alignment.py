@@ -69,7 +69,8 @@ class ComparedPair:
     C, slope_x and slope_y (h, w, 3) are the image and the gradient of the plate, spline its spline
     coefficients, image_slopes (h, w, 3, 2) the gradient of the image; valid (h, w) excludes three
     pixels around invalid ones and the border. At the points xy (n, 2), sigma (n, 3) is the standard
-    deviation of the difference, basis (n, 6) are the polynomials φ; those of bands follow.
+    deviation of the difference, basis (n, 6) are the polynomials φ; those of bands follow. It is no
+    `PixelBox`, for the plate is interpolated elsewhere at each step, and has no variance of its own.
     """
 
     C: Array

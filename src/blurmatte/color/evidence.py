@@ -39,7 +39,8 @@ _END_CHI2 = 9.0  # least at the ends of a grid: the posterior may rise again bey
 class StreakPixels:
     """The streak's pixels as columns: light, noise variances, and the block and tile of each.
 
-    Sorted by block, and within blocks by tile.
+    Sorted by block, and within blocks by tile: a selection of pixels and no `PixelBox`, which has them
+    all, in rows.
     """
 
     C: Array  # (n, 3)

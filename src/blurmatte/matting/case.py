@@ -41,7 +41,10 @@ _MIN_STDS = 4.0  # by which the averaged alpha must exceed 0
 
 @dataclass(frozen=True, eq=False)
 class Pictures:
-    """Image and matched plate, noise known; the image is not valid where it is occluded."""
+    """Image and matched plate, noise known; the image is not valid where it is occluded.
+
+    Whole pictures; a `PixelBox` is a box of them, at any resolution.
+    """
 
     image: LinearImage
     plate: LinearImage

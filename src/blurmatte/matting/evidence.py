@@ -31,7 +31,10 @@ from blurmatte.statistics import (
 
 @dataclass(frozen=True, eq=False)
 class PixelPairs:
-    """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`."""
+    """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`.
+
+    Pictures and no `PixelBox`: light stays in its own dtype, and clipped channels remain known.
+    """
 
     image: LinearImage  #: with a noise variance of each value, from the smoothed light
     plate: LinearImage  #: with a noise variance of each value

@@ -36,7 +36,7 @@ _MIN_CHI = 3.0  # standard deviations by which a window must exceed a bound
 
 @dataclass(frozen=True, eq=False)
 class Mixtures:
-    """Colors of the windows of a streak."""
+    """Colors of the windows of a streak: columns of means, and no `PixelBox`, which has whole rows."""
 
     C: Array  #: (n, 3)
     B: Array  #: (n, 3)

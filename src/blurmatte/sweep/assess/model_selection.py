@@ -119,7 +119,7 @@ def unseen_loss(
 
 @dataclass(frozen=True, eq=False)
 class _Compared:
-    """An alpha and the light in which it is compared with others."""
+    """An alpha, and the light of an observation, a `PixelBox`, in which it is compared with others."""
 
     observation: Observation  # along the axes of the object's colors
     alpha: Array  # (h, w)

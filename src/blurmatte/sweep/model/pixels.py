@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Pixels:
-    """Pixels of a box of the picture, or blocks of them."""
+    """Pixels of a box of the picture, or blocks of them: the place of a `PixelBox`, without light."""
 
     shape: tuple[int, int]  # (height, width) of the box, in these pixels
     # Where the center of pixel (0, 0) is (x, y), in pixels of the picture
