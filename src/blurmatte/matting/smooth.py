@@ -55,7 +55,7 @@ from blurmatte.matting.smooth_field import (
 from blurmatte.matting.stats import SmoothSummary, SolutionStats
 from blurmatte.radiometry import YCBCR, Compression, LinearImage, Transfer
 from blurmatte.radiometry.compression import BLOCK
-from blurmatte.sweep.model.chroma_subsampling import file_of, image_before, light_of_colors
+from blurmatte.sweep.model.chroma_subsampling import file_of, image_before
 
 MAX_STRENGTH = 1e6  # and its inverse: beyond them alpha is constant, or that of single pixels
 
@@ -354,8 +354,7 @@ def _in_pixels(values: Floats, levels: Sequence[CellEvidence]) -> Floats:
 def _before_file(pixels: PixelPairs, file: Compression, field: Field) -> PixelPairs:
     """Pixels of the image before chroma subsampling, given alpha."""
     alpha = np.asarray(np.clip(_inner(field.x), 0, 1), float)
-    own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.spread)
-    image = image_before(pixels.image, pixels.plate, alpha, own, file)
+    image = image_before(pixels.image, pixels.plate, alpha, pixels.model.basis, file)
     return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
 
 

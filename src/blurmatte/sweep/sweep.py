@@ -10,13 +10,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import relative_difference
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.chroma_subsampling import (
-    ChromaBlur,
-    File,
-    file_of,
-    image_before,
-    light_of_colors,
-)
+from blurmatte.sweep.model.chroma_subsampling import ChromaBlur, File, file_of, image_before
 from blurmatte.sweep.model.path import PathFamily, path_spread
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.shape import FlatShape, SweptAlpha
@@ -390,9 +384,7 @@ class Sweep:
         file = self._file(image)
         if file is None or self.model.rank == 3:
             return image
-        alpha = self.alpha_within(box)
-        own = light_of_colors(image, plate, alpha, self.model.basis, file.spread)
-        return image_before(image, plate, alpha, own, file)
+        return image_before(image, plate, self.alpha_within(box), self.model.basis, file)
 
     def chroma_blur(self, image: LinearImage) -> float:
         """Pixels by which the image's file blurred colors, a standard deviation; 0 if it did not."""

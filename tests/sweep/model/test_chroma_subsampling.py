@@ -136,8 +136,8 @@ def test_clipped_pixels_are_unchanged():
     truth, valid = rendered_before("wall"), np.ones(SIZE[::-1], bool)
     valid[30:34, 40:48] = False
     seen = LinearImage(through_a_file(truth.image.rgb, SRGB), NoiseModel(), valid)
-    alpha, own = truth.layer.alpha, truth.layer.premultiplied
-    before = image_before(seen, truth.plate, alpha, own, ChromaBlur(BLUR))
+    basis = truth.scene.body.model.basis
+    before = image_before(seen, truth.plate, truth.layer.alpha, basis, ChromaBlur(BLUR))
     assert_array_equal(before.rgb[~valid], seen.rgb[~valid])
     assert np.abs(before.rgb - seen.rgb)[valid].max() > 0.01
 

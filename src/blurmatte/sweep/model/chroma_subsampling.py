@@ -83,9 +83,10 @@ def light_before(
 
 
 def image_before(
-    image: LinearImage, plate: LinearImage, alpha: Array, own: Array, file: File
+    image: LinearImage, plate: LinearImage, alpha: Array, basis: Array, file: File
 ) -> LinearImage:
-    """An image before its file, by `light_before`; clipped pixels as they are."""
+    """An image of colors `basis` before its file, by `light_before`; clipped pixels as they are."""
+    own = light_of_colors(image, plate, alpha, basis, file.spread)
     transfer = image.meta.transfer or SRGB
     light = light_before(image.rgb, plate.rgb, alpha, own, file, transfer)
     kept = np.where(image.valid[..., None], light, image.rgb)
