@@ -29,14 +29,13 @@ class ChromaBlur:
 
     def seen(self, codes: Array) -> Array:
         """(h, w, 3) code values after the file."""
-        return codes - self.removed(codes)
+        chroma, blurred = self.chroma(codes)
+        return codes - chroma + blurred
 
-    def removed(self, codes: Array) -> Array:
-        """(h, w, 3) by how much they are larger before the file."""
+    def chroma(self, codes: Array) -> tuple[Array, Array]:
+        """(h, w, 3) chroma of code values before the file, and after it."""
         chroma = codes - (codes @ LUMA_WEIGHTS)[..., None]
-        return np.asarray(
-            chroma - scipy.ndimage.gaussian_filter(chroma, (self.spread, self.spread, 0))
-        )
+        return chroma, scipy.ndimage.gaussian_filter(chroma, (self.spread, self.spread, 0))
 
 
 File = ChromaBlur | Compression

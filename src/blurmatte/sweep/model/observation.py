@@ -257,7 +257,7 @@ def observation_around(
     light = light_of(*whitened(image, plate))
     valid, change = light[-1], np.subtract(image.rgb, plate.rgb, dtype=float)
     # The effect of a second blur of chroma, where the change has been blurred once
-    error = None if file is None else ChromaBlur(file.spread).removed(change)
+    error = None if file is None else np.subtract(*ChromaBlur(file.spread).chroma(change))
     if plate.meta.guess_error is not None:
         W = plate.meta.guess_error.whitening
         color, error = color.in_light(W), None if error is None else error @ W
