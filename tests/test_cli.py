@@ -374,6 +374,8 @@ def test_row_of_pictures_is_resumed(here, tmp_path):
         "throw3",
     ]
 
+    (tmp_path / "o" / "throw1" / "report.json").write_text("{")
+    assert "remove the file, and solve its picture again" in complaint(run(*row, "--json"))
     (tmp_path / "o" / "throw1" / "alpha.png").unlink()  # removed, changed, added: solved again
     bm.write(here / "throw2.png", bm.LinearImage(0.99 * bm.read(here / "image.png").rgb))
     shutil.copy(here / "image.png", here / "throw4.png")

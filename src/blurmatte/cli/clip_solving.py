@@ -6,7 +6,7 @@ import os
 import shlex
 import sys
 from contextlib import AbstractContextManager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -207,8 +207,7 @@ def _answer(report: bm.clips.ClipReport, folder: Path, out: Path, as_json: bool)
     if as_json:
         rows = [record.numbers() for record in report.records]
         numbers = {"folder": folder, "grades": report.grades, "empty_layers": report.empty}
-        shots = [asdict(shot) for shot in report.shots]
-        say_json({**numbers, "shots": shots, "frames": rows})
+        say_json({**numbers, "shots": report.shots, "frames": rows})
         return
     graded = ", ".join(f"{count} {grade}" for grade, count in report.grades.items() if count)
     speed = (

@@ -5,7 +5,6 @@ All of the library is imported here, and this module only when the command runs.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field, replace
@@ -20,6 +19,7 @@ from blurmatte.cli.paths import check_outputs
 from blurmatte.cli.quantities import processes
 from blurmatte.clips.manifest import NAME, FinishedPicture, Manifest, key_of, opened_manifest
 from blurmatte.clips.table import PictureRecord
+from blurmatte.files.documents import read_json
 from blurmatte.results import RESULT_FILES
 
 TABLE = "pictures.csv"
@@ -101,7 +101,8 @@ def solve_row(
                 if path not in done and row.several:
                     manifest.append(FinishedPicture(_key(path), record))
                 if as_json:
-                    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+                    hint = "remove the file, and solve its picture again"
+                    report = read_json(folder / "report.json", dict[str, Any], hint, "report")
                     say_json({"folder": folder, **report}, indent=None if row.several else 2)
                 elif lines:
                     say("\n".join(lines))

@@ -10,7 +10,6 @@ import platform
 import re
 import tempfile
 from collections.abc import Iterable
-from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -81,7 +80,7 @@ def info(
         if shots:
             found = shots_in(file, reading)
             lines = [*lines, *(f"shot {k}: {shot}" for k, shot in enumerate(found, 1))]
-            numbers["shots"] = [asdict(shot) for shot in found]
+            numbers["shots"] = found
     answer(as_json, {"file": file, **numbers}, lines)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -126,11 +125,10 @@ def score(
             broken |= not missing
             complain(f"{name}: no result, a miss" if missing else f"{error}; a miss")
             scores[name] = bm.scenes.score(None, bm.scenes.read_truth(place))
-    numbers = {name: asdict(score) for name, score in scores.items()}
-    answer(as_json, numbers, [bm.scenes.score_table(scores)])
+    answer(as_json, scores, [bm.scenes.score_table(scores)])
     if out is not None:
-        rows = [{"scene": name, **row} for name, row in numbers.items()]
-        bm.write(out, rows if out.suffix.lower() == ".csv" else numbers)
+        rows = [{"scene": name, **vars(score)} for name, score in scores.items()]
+        bm.write(out, rows if out.suffix.lower() == ".csv" else scores)
     if broken:
         raise typer.Exit(ExitCode.REFUSED)
 

@@ -10,7 +10,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from io import FileIO
 from pathlib import Path
@@ -22,7 +22,7 @@ from pydantic import PlainValidator
 
 from blurmatte.clips.table import FrameRecord, PictureRecord
 from blurmatte.errors import FileError
-from blurmatte.files.documents import parse_json
+from blurmatte.files.documents import parse_json, to_json
 from blurmatte.motion.clip.detections import FrameSightings, Sighting
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.trajectory import Trajectory
@@ -33,7 +33,7 @@ _HASHED_BYTES = 1 << 20  # of the beginning and of the end of a file
 
 
 def _sightings(value: Any) -> FrameSightings | None:
-    """The detections of a line, from what `asdict` made of them; ValueError if they are others."""
+    """The detections of a line, from what `to_json` wrote of them; ValueError if they are others."""
     if value is None:
         return None
     try:
@@ -130,9 +130,7 @@ class Manifest(Generic[Line]):
         self.finished.append(one)
         if self.file is not None and self.path is not None:
             with _reported(self.path):
-                text = json.dumps(
-                    asdict(one), ensure_ascii=False, default=np.ndarray.tolist
-                ).encode()
+                text = to_json(one).encode()
                 self.file.write(_checksum(text) + text + b"\n")
 
 
@@ -170,7 +168,7 @@ def opened_manifest(path: Path | None, key: str, kind: type[Line]) -> Iterator[M
 
 def _head(key: str) -> bytes:
     """The first line."""
-    return f"{json.dumps({'key': key})}\n".encode()
+    return f"{to_json({'key': key})}\n".encode()
 
 
 def _read(path: Path, key: str, kind: type[Line]) -> tuple[bool, list[Line], int]:

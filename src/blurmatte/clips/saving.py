@@ -4,7 +4,7 @@ import re
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from pathlib import Path
 from shutil import copyfile
@@ -510,6 +510,6 @@ def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:
         "layers": len(layers),
         "empty_layers": report.empty,
         "grades": report.grades,
-        "shots": [asdict(shot) for shot in report.shots],
+        "shots": report.shots,
         "problems": list(report.problems),
     }

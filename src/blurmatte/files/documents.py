@@ -109,15 +109,23 @@ def to_mapping(thing: Any) -> dict[str, Any]:
 
     Raises TypeError if a value is no number, text, or list of them.
     """
-    schema: Any = type(thing)
-    serializer = _adapter(schema).serializer  # its `dump_python` of pydantic 2.10 has no `fallback`
-    return dict(serializer.to_python(thing, mode="json", fallback=_number, warnings=False))
+    return dict(_in_json_types(thing))
 
 
-def _number(value: Any) -> Any:
-    """A NumPy number as one of Python."""
-    if isinstance(value, np.generic):
-        return value.item()
+def to_json(value: Any) -> str:
+    """One line of JSON with every digit, of which `parse_json` reads infinite numbers, too."""
+    return json.dumps(_in_json_types(value))
+
+
+def _in_json_types(value: Any) -> Any:
+    serializer = _WRITER.serializer  # its `dump_python` of pydantic 2.10 has no `fallback`
+    return serializer.to_python(value, mode="json", fallback=_listed)
+
+
+def _listed(value: Any) -> Any:
+    """A NumPy number or array as numbers of Python."""
+    if isinstance(value, np.generic | np.ndarray):
+        return value.tolist()
     raise TypeError(f"a document must hold numbers, text, and lists of them, got {value!r}")
 
 
@@ -186,6 +194,10 @@ def covariance_matrix(high: float, *shape: int | None) -> PlainValidator:
         return C
 
     return PlainValidator(positive)
+
+
+# Of all types; infinite numbers stay.
+_WRITER = TypeAdapter[Any](Any, config=ConfigDict(ser_json_inf_nan="constants"))
 
 
 @cache
@@ -293,6 +305,8 @@ def plain(value: Any) -> Any:
             return [plain(part) for part in value]
         case Path():
             return plain(str(value))
+        case _ if is_dataclass(value):
+            return plain(to_mapping(value))
         case float() if not math.isfinite(value):
             return None
         case str():  # file names may hold bytes that are not text

@@ -6,7 +6,6 @@ them. Another holds the camera's matrix to sRGB, because RAW images match a plat
 of the camera.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ import numpy as np
 
 from blurmatte.checks import MAX_GAIN, AnyArray
 from blurmatte.errors import FileError
-from blurmatte.files.documents import DocumentError, numbers, parse_json
+from blurmatte.files.documents import DocumentError, numbers, parse_json, to_json
 from blurmatte.files.errors import VALID, VARIANCE
 from blurmatte.files.raster import Raster
 from blurmatte.radiometry.image import LinearImage
@@ -39,7 +38,7 @@ def exr_parts(
     meta = image.meta
     if meta.to_srgb is not None:
         kept = {name: getattr(meta, name) for name in ("camera", "white_balance", "to_srgb")}
-        tags = {_CAMERA: json.dumps(kept), **tags}
+        tags = {_CAMERA: to_json(kept), **tags}
     return parts, names, tags
 
 

@@ -8,7 +8,6 @@ YAML is read by PyYAML. Tags such as `!!opencv-matrix` are skipped. Aliases are 
 text could stand for a huge one.
 """
 
-import json
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -28,6 +27,7 @@ from blurmatte.files.documents import (
     numbers,
     parse_json,
     read_document,
+    to_json,
 )
 from blurmatte.intrinsics import Intrinsics
 
@@ -107,7 +107,7 @@ def read_intrinsics(path: str | Path) -> Intrinsics:
             fields = _without_notes(fields)
     except ValueError as error:
         raise DocumentError(f"{path}: {_HINT}; the file holds no {_WHAT} ({error})") from error
-    lens: Intrinsics = checked_json(path, json.dumps(fields), _LENS, _HINT, _WHAT)
+    lens: Intrinsics = checked_json(path, to_json(fields), _LENS, _HINT, _WHAT)
     return lens
 
 

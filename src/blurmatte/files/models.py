@@ -1,8 +1,7 @@
 """JSON of colors, paths, sweeps, noise and transfer curves, with every digit of their numbers."""
 
-import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -20,6 +19,7 @@ from blurmatte.files.documents import (
     numbers,
     parse_json,
     read_json,
+    to_json,
     to_mapping,
 )
 from blurmatte.radiometry import Noise, NoiseModel, Transfer
@@ -95,18 +95,18 @@ def sweep_to_json(sweep: Sweep) -> str:
     """All fields of a sweep."""
     fields: dict[str, Any] = {
         "family": sweep.family.name,
-        "path": sweep.path.tolist(),
+        "path": sweep.path,
         "kind": sweep.silhouette.kind,
         **to_mapping(sweep.silhouette),
         "opacity_std": sweep.opacity_std,
-        "shape": sweep.shape.tolist(),
+        "shape": sweep.shape,
         "model": model_to_json(sweep.model),
-        "covariance": sweep.covariance.tolist(),
-        "size": list(sweep.size),
-        "cast": None if sweep.cast is None else sweep.cast.numbers,
-        "diagnostics": asdict(sweep.diagnostics),
+        "covariance": sweep.covariance,
+        "size": sweep.size,
+        "cast": sweep.cast,
+        "diagnostics": sweep.diagnostics,
     }
-    return json.dumps(fields)
+    return to_json(fields)
 
 
 def sweep_from_json(text: str) -> Sweep:

@@ -10,7 +10,6 @@ each part (50838), and the parts (50839), which begin with the kinds of what fol
 ij.io.TiffEncoder].
 """
 
-import json
 import struct
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,7 +20,7 @@ from PIL.TiffTags import ASCII, BYTE, LONG, SHORT
 
 from blurmatte.checks import AnyArray, strips
 from blurmatte.errors import FileError
-from blurmatte.files.documents import parse_json, to_mapping
+from blurmatte.files.documents import parse_json, to_json, to_mapping
 from blurmatte.files.exr import changed_header
 from blurmatte.files.models import MODEL, model_to_json, sweep_from_json, sweep_to_json
 from blurmatte.files.raster import Raster, load
@@ -72,7 +71,7 @@ def solution_header(solution: Solution) -> dict[str, str]:
     return {
         "blurmatte:model": model_to_json(solution.model),
         "blurmatte:solver": solution.solver,
-        "blurmatte:stats": json.dumps(stats_to_mapping(solution.stats)),
+        "blurmatte:stats": to_json(stats_to_mapping(solution.stats)),
         **sweep,
     }
 

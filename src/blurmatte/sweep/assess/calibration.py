@@ -134,5 +134,6 @@ class ErrorCalibration:
 @cache
 def fitted_calibration() -> ErrorCalibration:
     """The calibration that ships with the package."""
+    # Not by the documents of `files`, which lie above; the file is part of the package, and correct.
     text = resources.files(__package__).joinpath(_DATA).read_text(encoding="utf-8")
     return ErrorCalibration(**json.loads(text))
