@@ -173,10 +173,11 @@ def recognized(head: bytes, path: str | PathLike[str]) -> Format | None:
     return found or (by_name if unmarked else None)
 
 
+NUMBERS = ".json", ".csv"  # of one thing, or of rows
 # Tables of tracks for other programs, by the ends of their names; that of Tracker holds one object.
 NAPARI, TRACKMATE, KINOVEA = ".napari.csv", ".trackmate.xml", ".kinovea.txt"
 TRACKER = ".tracker.txt"
-TRACKER_ENDINGS = NAPARI, TRACKMATE, KINOVEA, TRACKER
+TABLES = ".csv", ".json", ".parquet", NAPARI, TRACKMATE, KINOVEA, TRACKER
 
 
 def format_at(path: str | PathLike[str]) -> Format | None:

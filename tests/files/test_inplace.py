@@ -616,7 +616,7 @@ def test_invalid_requests_raise_one_line_errors(tmp_path, make_png):
     write(tmp_path / "a.exr", picture)
     refused(FileError, "write .exr", source=tmp_path / "a.exr")
     tifffile.imwrite(tmp_path / "a.tif", picture.rgb, photometric="rgb")
-    refused(FileError, "a .jpg file holds no floats", source=tmp_path / "a.tif")
+    refused(FileError, "a JPEG file holds no floats", source=tmp_path / "a.tif")
     alpha = np.dstack([scene(), scene()[..., 0]])
     (tmp_path / "b.png").write_bytes(make_png(alpha, {b"sRGB": b"\0"}))
     refused(FileError, "cannot hold its alpha", source=tmp_path / "b.png")

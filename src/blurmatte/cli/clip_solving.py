@@ -24,7 +24,7 @@ from blurmatte.cli.console import (
     waiting,
     warn,
 )
-from blurmatte.cli.paths import check_folder, given_files
+from blurmatte.cli.paths import CLIPS_OF_LAYERS, STILL, check_folder, given_files
 from blurmatte.cli.quantities import check_count
 from blurmatte.cli.selection import (
     GUESSED,
@@ -35,11 +35,11 @@ from blurmatte.cli.selection import (
     matching_of,
     stated_model,
 )
-from blurmatte.formats import MOV, Writes, is_clip, written
+from blurmatte.formats import is_clip
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
-_LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solution"
+_LAYERS = *(name[1:] for name in (*STILL, *CLIPS_OF_LAYERS)), "solution"
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ def solve_clip(
 
 def _is_movie(out: Path) -> bool:
     """Whether all layers become one file, and not a folder."""
-    return out.suffix.lower() == MOV.extensions[0]
+    return out.suffix.lower() in CLIPS_OF_LAYERS
 
 
 def _ignored(selection: Selection, occluder: Path | None, size: tuple[int, int]) -> Any:
@@ -179,7 +179,7 @@ def _extension(out: Path, options: ClipOptions) -> str:
     if _is_movie(out):
         if options.layers not in (None, "mov"):
             raise ValueError(f"--layers {options.layers} needs a folder as --out, got {out}")
-        return MOV.extensions[0]
+        return out.suffix.lower()
     return ".exr" if options.layers in (None, "solution") else f".{options.layers}"
 
 

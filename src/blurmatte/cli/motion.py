@@ -30,6 +30,7 @@ from blurmatte.cli.quantities import (
     time_of_line,
 )
 from blurmatte.cli.selection import CameraReading, KnownOpacity, Layer, Reading, Region, opacity_of
+from blurmatte.formats import NUMBERS
 
 PLANE = "A plane"
 DRAWING = "Drawing"
@@ -106,7 +107,7 @@ def measure(
 
     A picture with --plate is solved first. For a clip see track, for places in space locate.
     """
-    check_file(out, "a motion", ".json", ".csv")
+    check_file(out, "a motion", *NUMBERS)
     time, time_std = _time(timing.exposure)
     line = None if timing.line_time is None else time_of_line("--line-time", timing.line_time)
     going = direction("--going", timing.going)
@@ -172,7 +173,7 @@ def locate(
 
     Of a clip, track does so in each frame.
     """
-    check_file(out, "a motion", ".json", ".csv")
+    check_file(out, "a motion", *NUMBERS)
     if (image is None) != (plate is None) or (plate and not (space.camera and space.true_radius)):
         raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
     lens = None if space.camera is None else bm.read_intrinsics(space.camera)

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import blurmatte as bm
-from blurmatte.formats import MOV, MP4, Writes, is_clip, pictures_in, written
+from blurmatte.formats import MOV, MP4, NUMBERS, Writes, is_clip, pictures_in, written
 
 SHEET, PICTURE = written(Writes.SHEET), written(Writes.PICTURE)
 STILL, CLIPS = written(Writes.LAYER), written(Writes.CLIP)  # of layers, and of pictures
 CLIPS_OF_LAYERS = written(Writes.LAYERS)
-_FILES = *PICTURE, *CLIPS, ".csv", ".json"
+_FILES = *PICTURE, *CLIPS, *NUMBERS
 OUTPUTS = "out", "overlay", "sheet", "preview", "plot"  # the options that name files to write
 
 # What the command reads: from identities of files to their names.

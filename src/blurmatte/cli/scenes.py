@@ -24,6 +24,7 @@ from blurmatte.cli.console import (
     with_progress,
 )
 from blurmatte.cli.paths import check_file, check_folder, check_outputs, expanded, with_folders
+from blurmatte.formats import NUMBERS
 
 
 @command("render easy -o scenes/easy", "render --list", "render --archive -o scenes.zip")
@@ -106,7 +107,7 @@ def score(
 
     A scene of several that has no result counts as a miss.
     """
-    check_file(out, "a table of scores", ".json", ".csv")
+    check_file(out, "a table of scores", *NUMBERS)
     places = bm.scenes.find_scenes(truth)
     read = [file for place in places for file in (place / "truth").iterdir()]
     read += [result / place.relative_to(truth) / "path.json" for place in places]

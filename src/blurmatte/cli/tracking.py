@@ -25,14 +25,12 @@ from blurmatte.cli.quantities import (
     time_of_line,
 )
 from blurmatte.cli.selection import OBJECT, Clip, FrameSelection, Reading, stated_model
-from blurmatte.formats import TRACKER, TRACKER_ENDINGS, TRACKMATE
+from blurmatte.formats import TABLES, TRACKER, TRACKMATE
 
 if TYPE_CHECKING:
     from blurmatte.motion.clip.summary import KnownQuantities
 
 RUN = "The run"
-
-_TABLES = ".csv", ".json", ".parquet", *TRACKER_ENDINGS
 
 
 @dataclass(frozen=True)
@@ -147,7 +145,7 @@ def track(
     as_json: AsJson = False,
 ) -> None:
     """Track the object through CLIP: place, speed and size per frame."""
-    check_file(out, "a table", *_TABLES)
+    check_file(out, "a table", *TABLES)
     if followed.several and out is not None and out.name.lower().endswith(TRACKER):
         raise ValueError(f"{out}: holds one object; write {TRACKMATE}, or follow without --several")
     check_file(overlay, "a sheet", *SHEET)

@@ -38,7 +38,7 @@ from blurmatte.motion.columns import html_table
 from blurmatte.radiometry import LinearImage
 from blurmatte.results import save_parallax
 
-LAYER_EXTENSIONS = written(Writes.LAYER)
+MOVIES, LAYER_EXTENSIONS = written(Writes.LAYERS), written(Writes.LAYER, Writes.LAYERS)
 TABLE_EXTENSIONS = ".csv", ".parquet"
 SHEET_FRAMES = 3  # that the sheet shows with their alpha
 
@@ -111,9 +111,9 @@ class ClipRun:
         if self.occluder is not None:
             hidden = check_map("occluder", self.occluder, self.frames.size[::-1], kinds="b")
             object.__setattr__(self, "occluder", hidden)
-        if self.extension not in (*LAYER_EXTENSIONS, ".mov"):
+        if self.extension not in LAYER_EXTENSIONS:
             raise ValueError(
-                f"layers are written as {', '.join(LAYER_EXTENSIONS)} or .mov, got {self.extension!r}"
+                f"layers are written as {', '.join(LAYER_EXTENSIONS)}, got {self.extension!r}"
             )
         if self.complete and self.extension != ".exr":
             raise ValueError(f"complete layers are .exr files, got {self.extension!r}")
@@ -121,7 +121,7 @@ class ClipRun:
             raise ValueError(f"table must be .csv or .parquet, got {self.table!r}")
         if self.table == ".parquet":
             require_parquet()  # the table is written at the end
-        if self.extension == ".mov":
+        if self.extension in MOVIES:
             video_library(Path("layers.mov"))  # and so is the clip
 
     @property
@@ -153,7 +153,7 @@ class ClipRun:
     @property
     def file_extension(self) -> str:
         """Of the file of one frame; a movie is made of EXRs."""
-        return ".exr" if self.extension == ".mov" else self.extension
+        return ".exr" if self.extension in MOVIES else self.extension
 
     def layers_in(self, folder: Path) -> "_LayerFiles":
         """The files of its layers in a folder of results."""
@@ -434,7 +434,7 @@ def _written(
     words = saved_in_words(grades, shots, len(work.plates)) + work.problems[:3]
     mattes = _mattes(run, folder, work.records)
     write(files[-1], draw_clip(work.plates[0], work.rows, words, name=run.name, mattes=mattes))
-    if run.extension == ".mov":
+    if run.extension in MOVIES:
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:
             name = f"layers{number}.mov" if run.several else "layers.mov"

@@ -18,6 +18,7 @@ from blurmatte.checks import AnyArray, Codes8, Floats
 from blurmatte.files.clip_decoding import video_library
 from blurmatte.files.clip_reading import LIMITED_WHITE
 from blurmatte.files.icc import H273
+from blurmatte.formats import GIF, named
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import rec709_converter
 from blurmatte.radiometry.image import LinearImage
@@ -60,7 +61,7 @@ def save_animation(path: Path, pictures: Iterable[LinearImage | Any], rate: floa
     from PIL import Image
 
     frames = (Image.fromarray(_srgb(picture)) for picture in pictures)
-    if path.suffix.lower() == ".gif":
+    if named(path) is GIF:
         # An octree keeps the colors of a small object; Pillow's median cut gives them to the scene.
         octree = Image.Quantize.FASTOCTREE
         frames = (frame.quantize(palette=frame.quantize(256, octree)) for frame in frames)

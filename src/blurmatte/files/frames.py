@@ -425,7 +425,7 @@ class _PictureReader(Generic[Frame]):
 
 def _write_clip(target: Path, frames: Iterator[Thing], rate: float) -> list[Path]:
     extension, first = target.suffix.lower(), next(frames)
-    if isinstance(first, Layer) and extension != ".mov":
+    if isinstance(first, Layer) and extension not in written(Writes.LAYERS):
         raise FileError(
             f"{target}: write layers as .mov (ProRes 4444) or as a sequence like ball.####.exr, "
             f"or put them over a picture first; {extension} cannot hold alpha"

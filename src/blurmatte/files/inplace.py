@@ -26,13 +26,11 @@ from blurmatte.files.metadata import (
 from blurmatte.files.raster import Raster, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
-from blurmatte.formats import EXR, JPEG, MAX_PIXELS, RAW, Writes, written
+from blurmatte.formats import EXR, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Writes, named, written
 from blurmatte.jpeg.coding import jpeg_bytes, read_jpeg, replace_blocks
 from blurmatte.jpeg.structure import JpegError, metadata_segments
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
-
-_KEEPING = ".png", ".tif", ".jpg"  # files that keep what did not change
 
 
 def write_changed(
@@ -91,10 +89,10 @@ def write_changed(
     """
     target, source = Path(path), Path(original)
     raster, changed = _original(target, source, picture, changed, max_pixels)
-    if extension_of(target) in _KEEPING:
-        _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
-    else:
+    if named(target) is EXR:  # holds light
         write(target, _light(raster, picture, changed, transfer))
+    else:
+        _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
 
 
 def _original(
@@ -103,7 +101,7 @@ def _original(
     """The original and the mask; raises unless the target can hold it and all have its size."""
     _check_formats(target, source)
     raster = load(source, max_pixels)
-    _check_holds(raster, extension_of(target))
+    _check_holds(raster, target)
     height, width = raster.pixels.shape[:2]
     check_same_size("picture", picture.size, source.name, (width, height))
     return raster, check_map("changed", changed, (height, width), kinds="b")
@@ -133,22 +131,23 @@ def _check_formats(target: Path, source: Path) -> None:
         )
 
 
-def _check_holds(raster: Raster, extension: str) -> None:
-    if extension == ".exr":
+def _check_holds(raster: Raster, target: Path) -> None:
+    form = named(target)
+    if form is EXR:
         return
     if raster.format is EXR:
         raise FileError(f"{raster.path}: write .exr; the file holds light, not code values")
-    if raster.levels is None and extension != ".tif":
-        raise FileError(f"{raster.path}: write .tif or .exr; a {extension} file holds no floats")
+    if raster.levels is None and form is not TIFF:
+        raise FileError(f"{raster.path}: write .tif or .exr; a {form} file holds no floats")
 
 
 def _save_pixels(target: Path, raster: Raster, upright: AnyArray, changed: Bools) -> None:
     _warn_of_further_pictures(target, raster.path)
-    pixels, extension = raster.orientation.stored(upright), extension_of(target)
-    with replacing(target, extension) as temporary:
-        if extension == ".png":
+    pixels, form = raster.orientation.stored(upright), named(target)
+    with replacing(target, extension_of(target)) as temporary:
+        if form is PNG:
             save_png(temporary, raster, pixels)
-        elif extension == ".tif":
+        elif form is TIFF:
             save_tiff(temporary, raster, pixels)
         elif raster.format is JPEG:
             _save_same_jpeg(temporary, raster, pixels, raster.orientation.stored(changed))

@@ -19,6 +19,7 @@ from PIL.ExifTags import Base as TiffTag
 from blurmatte.checks import AnyArray, Codes8, Indices
 from blurmatte.files.errors import plain_name
 from blurmatte.files.exif import ColorSpace
+from blurmatte.formats import EXR, PNG, TIFF, named
 
 BLOCK_ROWS = 16  # in a chunk of ZIP compression
 _TALL = (b"dataWindow", b"displayWindow")  # attributes that state the height: x0, y0, x1, y1
@@ -42,20 +43,20 @@ def save_pixels(
     import OpenImageIO as oiio
 
     dtype = np.dtype(np.float32) if parts[0].dtype.kind == "f" else parts[0].dtype
-    form = "float" if dtype.kind == "f" else dtype.name
+    stored, form = "float" if dtype.kind == "f" else dtype.name, named(path)
     (height, width), sources = parts[0].shape[:2], None
     rows = np.arange(height)
-    if path.suffix == ".exr":
+    if form is EXR:
         sources = distinct_blocks(parts)
         rows = written_rows(sources, height)
-    spec = oiio.ImageSpec(width, len(rows), len(names), form)
+    spec = oiio.ImageSpec(width, len(rows), len(names), stored)
     spec.channelnames = tuple(names)
-    if path.suffix == ".png":
+    if form is PNG:
         spec["png:compressionLevel"] = 4  # a quarter of the time of level 6, 5 % larger files
         # Paeth's filter in all rows: files as small as with one chosen for each, in 60 % of the time.
         spec["png:filter"] = 0x80
     spec.alpha_channel = names.index("A") if "A" in names else -1
-    if path.suffix in (".tif", ".exr"):
+    if form in (TIFF, EXR):
         spec["compression"] = "zip"
         spec["DateTime"] = "1970:01:01 00:00:00"  # the same picture gives the same bytes
     for name, value in tags.items():

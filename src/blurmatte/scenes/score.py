@@ -12,6 +12,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.models import read_path
 from blurmatte.files.reading import read, read_layer
 from blurmatte.files.solutions import read_solution
+from blurmatte.formats import Writes, written
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage
@@ -23,7 +24,7 @@ _HEADINGS = (
     *("answered", "alpha RMSE", "SAD", "gradient", "sum bias", "false alpha", "light RMSE"),
     *("color units", "degrees", "PSNR", "spread", "TIoU", "sub-PSNR", "sub-SSIM"),
 )
-LAYER_FILES = ("layer.exr", "layer.png", "layer.tif", "alpha.png")
+LAYER_FILES = *(f"layer{end}" for end in written(Writes.LAYER)), "alpha.png"
 
 
 @dataclass(frozen=True, eq=False)

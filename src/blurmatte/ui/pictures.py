@@ -15,7 +15,7 @@ import blurmatte as bm
 from blurmatte.background.guess import guess_behind
 from blurmatte.checks import Bools, Floats
 from blurmatte.files.documents import plain
-from blurmatte.formats import is_clip
+from blurmatte.formats import EXR, is_clip, named
 from blurmatte.radiometry.transfer import hex_of_light
 from blurmatte.statistics import cell_means
 
@@ -280,7 +280,7 @@ class ShownPictures:
     def _layer_if_any(self, path: Path) -> bm.Layer | None:
         """The layer in an EXR; None if it has no alpha, or is another file."""
         try:
-            return self._layer(path) if path.suffix.lower() == ".exr" else None
+            return self._layer(path) if named(path) is EXR else None
         except bm.BlurmatteError:
             return None
 
@@ -293,7 +293,7 @@ class ShownPictures:
             except bm.BlurmatteError:
                 return None
 
-        if path.suffix.lower() != ".exr":
+        if named(path) is not EXR:
             return None
         return self._kept(
             (*_identity(path), "solution"), make, lambda s: 0 if s is None else 8 * s.alpha.nbytes
