@@ -2,7 +2,7 @@
 
 from blurmatte.radiometry.compression import CodingError as CodingError
 from blurmatte.radiometry.compression import Compression as Compression
-from blurmatte.radiometry.guess_error import GuessError as GuessError
+from blurmatte.radiometry.image import GuessError as GuessError
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import are_gray as are_gray
