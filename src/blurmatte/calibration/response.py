@@ -240,7 +240,7 @@ class _SharedCodes:
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class _FittedCurve:
     theta: Array
     light: Array  # (CELLS + 1,)
     light_std: Array
@@ -248,7 +248,7 @@ class _Fit:
     agreement: float
 
 
-def _check_agreement(fit: _Fit) -> None:
+def _check_agreement(fit: _FittedCurve) -> None:
     """Raise ResponseError if too few places agree with the curve, or the noise is too large."""
     if fit.agreement < _MIN_AGREEMENT or fit.data.noise > _MAX_NOISE:
         raise ResponseError(
@@ -295,7 +295,7 @@ def _start(places: Places, bracket: Bracket) -> Array:
     return min(starts, key=lambda theta: float(np.sum(np.sort(_squares(theta, data))[:kept])))
 
 
-def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
+def _fit(places: Places, bracket: Bracket, start: _FittedCurve | None = None) -> _FittedCurve:
     """The likeliest curve; its inliers are selected again until they give the same curve."""
     theta = start.theta if start else _start(places, bracket)
     noise = start.data.noise if start else max(bracket.rounding, places.scatter)
@@ -308,7 +308,7 @@ def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
         if change < _MIN_CHANGE_STD:
             break
     covariance = np.linalg.inv(found.jac.T @ found.jac)
-    return _Fit(theta, *_ResponseCurve.of(theta).normalized(covariance), data, agreement)
+    return _FittedCurve(theta, *_ResponseCurve.of(theta).normalized(covariance), data, agreement)
 
 
 def _inliers(theta: Array, data: _SharedCodes) -> tuple[_SharedCodes, float]:
@@ -363,7 +363,7 @@ def _mean_residuals(theta: Array, data: _SharedCodes) -> Array:
 
 
 def _compared(
-    fit: _Fit, channels: Sequence[Places]
+    fit: _FittedCurve, channels: Sequence[Places]
 ) -> tuple[tuple[float, float, float], bool, Array]:
     """Each channel's largest distance from the common curve, and whether all agree with it.
 

@@ -32,7 +32,7 @@ _MAX_HALF = float(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True)
-class _Part:
+class _ShownPart:
     """What is shown of a file: picture, layer or error; or what a picture hides, by another file.
 
     Of the latter, "matched" is a plate as it would have been at the moment of the picture, and
@@ -131,20 +131,20 @@ class ShownPictures:
         basis: Path | None = None,
     ) -> bytes:
         """Half floats, RGBA, of a tile of the picture at a power of two."""
-        tile = self._tile(_Part(path, part, frame, basis), level, x, y)
+        tile = self._tile(_ShownPart(path, part, frame, basis), level, x, y)
         return np.clip(tile, -_MAX_HALF, _MAX_HALF).astype("<f2").tobytes()
 
     def preview(self, path: Path, part: str, frame: int, side: int, stops: float) -> bytes:
         """A PNG of 8 bits, at most so many pixels wide and high."""
         if side < 1:
             raise ValueError(f"side must be at least 1, got {side}")
-        shown = _Part(path, part, frame)
+        shown = _ShownPart(path, part, frame)
         level, (height, width) = 0, self._whole(shown)[1].shape
         while max(height, width) > side:
             level, height, width = level + 1, (height + 1) // 2, (width + 1) // 2
         return _png(self._level(shown, level), part, stops)
 
-    def _tile(self, part: _Part, level: int, x: int, y: int) -> Floats:
+    def _tile(self, part: _ShownPart, level: int, x: int, y: int) -> Floats:
         """(h, w, 4) float32 pixels of a tile."""
         if not 0 <= level <= _MAX_LEVEL:
             raise ValueError(f"level must be 0 to {_MAX_LEVEL}, got {level}")
@@ -192,7 +192,7 @@ class ShownPictures:
             }
         return numbers
 
-    def _level(self, part: _Part, level: int) -> Floats:
+    def _level(self, part: _ShownPart, level: int) -> Floats:
         """(h, w, 4) float32 pixels at a level; each is the mean of 2×2 of the level before."""
 
         def make() -> Floats:
@@ -207,7 +207,7 @@ class ShownPictures:
             return _joined(*self._whole(part))
         return self._kept((*part.key, level), make, lambda made: int(made.nbytes))
 
-    def _whole(self, part: _Part) -> tuple[Floats, Floats | Bools]:
+    def _whole(self, part: _ShownPart) -> tuple[Floats, Floats | Bools]:
         """(H, W, 3) light and (H, W) what goes with it: validity, alpha, or 1 with error and flags."""
         path, name = part.path, part.name
         if part.basis is not None and name in ("matched", "guessed"):
@@ -229,7 +229,7 @@ class ShownPictures:
             return np.dstack([std, flags, np.zeros_like(std)]), np.ones(std.shape, bool)
         raise ValueError(f"part must be picture, layer or error, got {name!r}")
 
-    def _behind(self, part: _Part) -> bm.LinearImage:
+    def _behind(self, part: _ShownPart) -> bm.LinearImage:
         """The scene behind the object of a picture, as `edit` takes it."""
         assert part.basis is not None
         image = bm.read(part.path)
