@@ -6,10 +6,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import on_line
 
-from blurmatte.rendering import Ball, Scene, colorful_plate
-from blurmatte.trajectory import Trajectory
+from blurmatte.rendering import Ball, colorful_plate
 
 SIZE = (192, 128)
 SLOW = {
@@ -66,8 +65,8 @@ def off_diagonal(cases):
 
 def moving_ball(plate, second_color=None):
     """An orange ball of radius 14 that moves by twice its width; alpha up to 0.28."""
-    ball = Ball(14, np.array([0.7, 0.35, 0.1]), second_color=second_color)
-    return rendered(Scene(plate, Trajectory.line((45, 35), (145, 92)), ball))
+    ball = Ball(14, (0.7, 0.35, 0.1), second_color=second_color)
+    return on_line(plate, (45, 35), (145, 92), ball)
 
 
 @pytest.fixture(scope="session")

@@ -333,7 +333,7 @@ def test_an_array_is_written_as_what_it_shows(tmp_path):
 def test_solve_takes_big_endian_and_read_only_arrays():
     """exact: the same answer as of native arrays."""
     plate = colorful_plate((64, 48), rng=1, tile=9)
-    scene = Scene(plate, Trajectory.line((18, 20), (44, 26)), Ball(6, np.array([0.9, 0.5, 0.05])))
+    scene = Scene(plate, Trajectory.line((18, 20), (44, 26)), Ball(6, (0.9, 0.5, 0.05)))
     noisy = [
         x + np.random.default_rng(k).normal(0, 1e-3, x.shape)
         for k, x in enumerate((rendered(scene).image.rgb, plate))

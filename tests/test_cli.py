@@ -48,7 +48,7 @@ def scene(tmp_path_factory):
 
 def pictures_of_ball(folder, size, start, end, radius, tile):
     """The folder, with image, plate and mask of an orange ball that moves straight."""
-    body = bm.rendering.Ball(radius, np.array([0.9, 0.45, 0.05]), ambient=0.6)
+    body = bm.rendering.Ball(radius, (0.9, 0.45, 0.05), ambient=0.6)
     path, plate = bm.Trajectory.line(start, end), colorful_plate(size, rng=2, tile=tile)
     truth = rendered(bm.rendering.Scene(plate, path, body))
     rng = np.random.default_rng(5)
@@ -700,7 +700,7 @@ def test_rejects_pictures_of_one_pixel(tmp_path):
 def test_warns_of_swapped_pictures(tmp_path):
     path, body = (
         bm.Trajectory.line((44, 34), (84, 40)),
-        bm.rendering.Ball(14, np.array([0.9, 0.45, 0.05])),
+        bm.rendering.Ball(14, (0.9, 0.45, 0.05)),
     )
     truth = rendered(bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body))
     rng = np.random.default_rng(0)

@@ -19,12 +19,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.commands import runner
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.rendering import Ball, Scene, colorful_plate
-from blurmatte.trajectory import Trajectory
+from blurmatte.rendering import Ball, colorful_plate
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [
@@ -81,7 +80,7 @@ def wall(size):
 
 def ball_on(plate, start, end, radius):
     """A picture of a moving ball of the documents' color."""
-    return rendered(Scene(plate, Trajectory.line(start, end), Ball(radius, COLOR, ambient=0.6)))
+    return on_line(plate, start, end, Ball(radius, COLOR, ambient=0.6))
 
 
 def set_stage(folder):

@@ -25,7 +25,7 @@ def solved():
     """A solution with a sweep."""
     plate = colorful_plate((64, 48), rng=1, tile=9)
     path = Trajectory.line((18, 20), (44, 26))
-    scene = Scene(plate, path, Ball(6, np.array([0.9, 0.5, 0.05])))
+    scene = Scene(plate, path, Ball(6, (0.9, 0.5, 0.05)))
     noise = bm.NoiseModel(0, 1e-3)
     lights = rendered(scene).image.rgb, plate
     image, plate = (bm.LinearImage(light.astype(np.float32), noise) for light in lights)

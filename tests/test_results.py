@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.disk import room_for
-from tests.scenes import noisy, rendered
+from tests.scenes import noisy, on_line
 
 import blurmatte as bm
 from blurmatte.cli.console import in_degrees
@@ -30,9 +30,8 @@ NAMES = [
 @pytest.fixture(scope="module")
 def solved():
     """An image with one clipped pixel in the streak, its plate, and its solution."""
-    body = bm.rendering.Ball(9, np.array([0.9, 0.45, 0.05]))
-    path = bm.Trajectory.line((30, 30), (60, 36))
-    truth = rendered(bm.rendering.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body))
+    body = bm.rendering.Ball(9, (0.9, 0.45, 0.05))
+    truth = on_line(colorful_plate((96, 64), rng=2, tile=20), (30, 30), (60, 36), body)
     image, plate = noisy(truth, NOISE, 1)
     image.valid[33, 45] = False
     streak = bm.streaks.Streak(truth.layer.alpha > 0)
@@ -100,12 +99,8 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
     monkeypatch.setattr(Canvas, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
     model = bm.ColorModel.from_hex(*axes)
     light = np.array([0.8, 0.8, 0.7]) if model.rank == 2 else 0.3 * model.rgb[0]
-    truth = rendered(
-        bm.rendering.Scene(
-            colorful_plate((96, 64), rng=2, tile=20),
-            bm.Trajectory.line((30, 30), (60, 36)),
-            bm.rendering.Ball(9, light),
-        )
+    truth = on_line(
+        colorful_plate((96, 64), rng=2, tile=20), (30, 30), (60, 36), bm.rendering.Ball(9, light)
     )
     images = [replace(p, noise=NOISE) for p in (truth.image, truth.plate)]
     solution = bm.solve(

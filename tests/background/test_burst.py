@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.background import Matching, PlateGuess, burst_plate, fit_match
 from blurmatte.matting import solve
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import SRGB, LinearImage, decode
-from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering import Ball
 from blurmatte.rendering.plates import textured_plate
-from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 120)
 VIEWS = [similarity(SIZE, -6.3, 4.1, 1.004, 0.01), similarity(SIZE), similarity(SIZE, 7.7, -3.4)]
@@ -91,8 +90,7 @@ def passing(overlap):
     shots = []
     for k in (-1, 0, 1):
         middle = np.array([96, 60]) + k * step
-        path = Trajectory.line(middle - half, middle + half)
-        picture = rendered(Scene(wall, path, Ball(10, np.array([0.8, 0.16, 0.05]))))
+        picture = on_line(wall, middle - half, middle + half, Ball(10, (0.8, 0.16, 0.05)))
         shots.append(noisy(picture.image.rgb, k + 1))
     plate, _ = burst_plate(shots[1], [shots[0], shots[2]], Matching.NONE)
     return shots[1], plate, wall
@@ -126,8 +124,7 @@ def test_streaks_that_overlap_before_a_texture_are_within_their_errors():
         scene, half, shots = textured_plate((200, 120), rng), np.array([20, 0]), []
         for k in (-1, 0, 1):
             middle = np.array([100 + 8 * k, 60])
-            path = Trajectory.line(middle - half, middle + half)
-            picture = rendered(Scene(scene, path, Ball(10, np.array([0.8, 0.16, 0.05]))))
+            picture = on_line(scene, middle - half, middle + half, Ball(10, (0.8, 0.16, 0.05)))
             shots.append(noisy(picture.image.rgb, 3 * seed + k + 1))
         plate, _ = burst_plate(shots[1], [shots[0], shots[2]], Matching.NONE)
         motion = measure_motion(solve(shots[1], plate))
@@ -162,8 +159,9 @@ def test_match_does_not_follow_the_object_before_a_wall():
     wall, shots = shade[..., None] * [1, 0.95, 0.85], []
     for k in range(3):
         start = np.array([144 + 24.0 * k, 174 - 6.0 * k])
-        path = Trajectory.line(start, start + np.array([50, -12]))
-        light = rendered(Scene(wall, path, Ball(13, np.array([0.85, 0.16, 0.05])))).image.rgb
+        light = on_line(
+            wall, start, start + np.array([50, -12]), Ball(13, (0.85, 0.16, 0.05))
+        ).image.rgb
         codes = np.rint(255 * SRGB.encode(np.clip(noisy(light, k).rgb, 0, 1)))
         shots.append(decode(codes.astype(np.uint8), SRGB))
     _, matches = burst_plate(shots[1], [shots[0], shots[2]])

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.background.fit_match import agreement
@@ -19,8 +19,8 @@ def scene(seed=0, plate=colorful_plate):
     """Exact image and plate; a ball moves over 6 % of the picture."""
     rng = np.random.default_rng(seed)
     light = plate(SIZE, rng) if plate is colorful_plate else plate(SIZE, np.full(3, 0.4), rng)
-    ball = bm.rendering.Ball(16, np.array([0.9, 0.5, 0.1]))
-    return rendered(bm.rendering.Scene(light, bm.Trajectory.line((60, 60), (130, 110)), ball))
+    ball = bm.rendering.Ball(16, (0.9, 0.5, 0.1))
+    return on_line(light, (60, 60), (130, 110), ball)
 
 
 def photographed(rendering, drift, seed, std=0.005):
@@ -70,9 +70,8 @@ def test_returns_identity_for_matching_plate():
 def test_large_object_does_not_change_light():
     """invariant: an object that covers a third of a plain picture."""
     rng = np.random.default_rng(5)
-    ball = bm.rendering.Ball(48, np.array([0.2, 0.2, 0.2]))
-    path = bm.Trajectory.line((90, 80), (150, 100))
-    rendering = rendered(bm.rendering.Scene(plain_plate(SIZE, np.full(3, 0.5), rng), path, ball))
+    ball = bm.rendering.Ball(48, (0.2, 0.2, 0.2))
+    rendering = on_line(plain_plate(SIZE, np.full(3, 0.5), rng), (90, 80), (150, 100), ball)
     assert np.mean(rendering.layer.alpha > 0) > 0.25
     image, plate = photographed(rendering, Drift(), 1)
     assert bm.match_plate(plate, image) is plate
@@ -80,9 +79,9 @@ def test_large_object_does_not_change_light():
 
 def test_keeps_light_of_plain_wall():
     """invariant: a small gain and an offset would remove the noise of an even wall."""
-    ball = bm.rendering.Ball(16, np.array([0.9, 0.5, 0.1]))
+    ball = bm.rendering.Ball(16, (0.9, 0.5, 0.1))
     wall = np.broadcast_to(np.array([0.3, 0.38, 0.35]), (SIZE[1], SIZE[0], 3)).copy()
-    truth = rendered(bm.rendering.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball))
+    truth = on_line(wall, (60, 60), (130, 110), ball)
     for seed in range(3):
         image, plate = photographed(truth, Drift(), seed, 0.01)
         assert np.allclose(bm.background.fit_match(image, plate).gain, 1, atol=0.01)
@@ -285,7 +284,7 @@ def test_bands_before_a_plain_wall_are_no_motion():
 def test_streak_across_the_picture_is_no_band():
     """invariant: it changes some rows only, but most of their pixels."""
     light = colorful_plate(SIZE, np.random.default_rng(7))
-    ball = bm.rendering.Ball(18, np.array([0.9, 0.5, 0.1]))
-    rendering = rendered(bm.rendering.Scene(light, bm.Trajectory.line((20, 90), (220, 90)), ball))
+    ball = bm.rendering.Ball(18, (0.9, 0.5, 0.1))
+    rendering = on_line(light, (20, 90), (220, 90), ball)
     image, plate = photographed(rendering, Drift(), 1)
     assert bm.match_plate(plate, image) is plate

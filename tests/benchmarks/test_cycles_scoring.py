@@ -26,7 +26,7 @@ def write_scene(root, name, seed):
     """A ball of radius 9 before tiles."""
     plate = colorful_plate((128, 96), rng=seed, tile=20)
     path = Trajectory.line((35, 40), (85, 58))
-    truth = render(Scene(plate, path, Ball(9, np.array([0.9, 0.5, 0.1]))), substeps=200)
+    truth = render(Scene(plate, path, Ball(9, (0.9, 0.5, 0.1))), substeps=200)
     rng = np.random.default_rng(seed)
     files = {
         f"{name}.png": CAMERA.expose(light.rgb, rng).astype(np.uint8)

@@ -24,7 +24,7 @@ def test_bound_is_proportional_to_the_noise():
 
 def test_bound_of_a_transposed_scene_is_transposed():
     """Invariant: x and y are exchanged."""
-    plate, ball = colorful_plate((60, 48), 1, tile=12), Ball(7, np.array([0.7, 0.4, 0.1]), 1.0)
+    plate, ball = colorful_plate((60, 48), 1, tile=12), Ball(7, (0.7, 0.4, 0.1), 1.0)
     ends = np.array([[20.0, 18.0], [38.0, 27.0]])
     first, second = (
         motion.bounds(render(Scene(light, Trajectory.line(*way), ball)), 1)

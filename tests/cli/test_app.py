@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import typer
 from tests.commands import runner
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.cli import app
@@ -43,10 +43,7 @@ def run(*arguments, width=100):
 def folder(tmp_path_factory):
     """Image and plate of a ball, and its layer with its solution."""
     folder = tmp_path_factory.mktemp("app")
-    path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = rendered(
-        bm.rendering.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.rendering.Ball(9))
-    )
+    truth = on_line(colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), bm.rendering.Ball(9))
     image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(
         truth
     )

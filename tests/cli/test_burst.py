@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from tests.commands import complaint, run
 from tests.handheld import fine_scene, noisy, shown, similarity, with_ball
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
-from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering import Ball
 
 SIZE = (192, 120)
 VIEWS = [similarity(SIZE, -6.3, 4.1, 1, 0.01), similarity(SIZE), similarity(SIZE, 7.7, -3.4)]
@@ -73,8 +73,7 @@ def test_match_does_not_follow_the_object_before_a_wall(tmp_path):
     wall, alpha = shade[..., None] * [1, 0.95, 0.85], {}
     for k in range(1, 4):
         start = np.array([120 + 24.0 * k, 180 - 6.0 * k])
-        path = bm.Trajectory.line(start, start + np.array([50, -12]))
-        rendering = rendered(Scene(wall, path, Ball(13, np.array([0.85, 0.16, 0.05]))))
+        rendering = on_line(wall, start, start + np.array([50, -12]), Ball(13, (0.85, 0.16, 0.05)))
         light = np.clip(noisy(rendering.image.rgb, k).rgb, 0, 1)
         codes = np.rint(255 * bm.SRGB.encode(light)).astype(np.uint8)
         bm.write(tmp_path / f"shot{k}.jpg", bm.decode(codes, bm.SRGB))

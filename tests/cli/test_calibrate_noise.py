@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from PIL import Image
 from tests.commands import run
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -97,9 +97,8 @@ def test_refuses_in_one_line(folder, arguments, said, monkeypatch):
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     folder = tmp_path_factory.mktemp("scene")
-    body = bm.rendering.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
-    path = bm.Trajectory.line((30, 34), (90, 46))
-    truth = rendered(bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=18), path, body))
+    body = bm.rendering.Ball(12, (0.9, 0.45, 0.05), ambient=0.6)
+    truth = on_line(colorful_plate((128, 80), rng=2, tile=18), (30, 34), (90, 46), body)
     for seed, name in enumerate(("image", "plate")):
         light = getattr(truth, name).rgb
         bm.write(

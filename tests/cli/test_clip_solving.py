@@ -6,12 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.commands import run
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.cli.clip_solving import ClipOptions
-from blurmatte.rendering import Ball, Scene, colorful_plate
-from blurmatte.trajectory import Trajectory
+from blurmatte.rendering import Ball, colorful_plate
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +20,9 @@ def shot(tmp_path_factory):
     plate = colorful_plate((72, 48), 1, tile=12)
 
     def picture(k):
-        path = Trajectory.line((10 + 11 * k, 18 + k), (20 + 11 * k, 19 + k))
-        light = rendered(Scene(plate, path, Ball(6, np.array([0.7, 0.35, 0.1])))).image.rgb
+        light = on_line(
+            plate, (10 + 11 * k, 18 + k), (20 + 11 * k, 19 + k), Ball(6, (0.7, 0.35, 0.1))
+        ).image.rgb
         light = plate if k == 0 else light
         return bm.LinearImage((light + rng.normal(0, 0.01, light.shape)).astype(np.float32))
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 from tests.commands import complaint, good, run
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.cli import pictures
@@ -24,9 +24,8 @@ def codes(path):
 def scene(tmp_path_factory):
     """Image, plate and a beach as files, the layer with and without a solution around it."""
     folder = tmp_path_factory.mktemp("edit")
-    ball = bm.rendering.Ball(9, np.array([0.7, 0.35, 0.1]))
-    path = bm.Trajectory.line((30, 25), (60, 38))
-    truth = rendered(bm.rendering.Scene(colorful_plate(SIZE, 1, tile=16), path, ball))
+    ball = bm.rendering.Ball(9, (0.7, 0.35, 0.1))
+    truth = on_line(colorful_plate(SIZE, 1, tile=16), (30, 25), (60, 38), ball)
     shape = SIZE[::-1]
     layer = bm.Layer(
         truth.layer.alpha.astype(np.float32), truth.layer.premultiplied.astype(np.float32)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import run
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -20,9 +20,8 @@ LENGTH, RADIUS = np.hypot(44, 14), 9
 def folder(tmp_path_factory):
     """A solved picture of a ball."""
     folder = tmp_path_factory.mktemp("measured")
-    path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = rendered(
-        bm.rendering.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.rendering.Ball(RADIUS))
+    truth = on_line(
+        colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), bm.rendering.Ball(RADIUS)
     )
     image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(
         truth

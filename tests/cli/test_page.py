@@ -8,11 +8,11 @@ import time
 
 import pytest
 from tests.commands import run
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.cli.app import run_line
-from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
+from blurmatte.rendering import Ball, Camera, Shot, colorful_plate
 from blurmatte.ui.session import JobState, Session
 
 BLOCKED = """
@@ -91,8 +91,7 @@ async def ended(job):
 
 @pytest.mark.battery
 def test_files_of_a_job_have_the_bytes_of_the_line_that_is_shown(tmp_path):
-    path = bm.Trajectory.line((26, 28), (70, 42))
-    truth = rendered(Scene(colorful_plate((96, 72), 2, tile=18), path, Ball(9)))
+    truth = on_line(colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), Ball(9))
     image, plate = Shot(truth.scene, Camera(code_std=1 / 255)).photograph(truth)
     bm.write(tmp_path / "image.png", image)
     bm.write(tmp_path / "plate [1].png", plate)
@@ -122,8 +121,7 @@ def test_a_clip_that_is_cancelled_and_resumed_has_the_bytes_of_one_that_was_not(
     plate, camera = colorful_plate((96, 72), 2, tile=18), Camera(code_std=1 / 255)
     shots = []
     for k in range(6):
-        moved = bm.Trajectory.line((18 + 8 * k, 30), (30 + 8 * k, 36))
-        truth = rendered(Scene(plate, moved, Ball(8)))
+        truth = on_line(plate, (18 + 8 * k, 30), (30 + 8 * k, 36), Ball(8))
         shots.append(Shot(truth.scene, camera).photograph(truth))
     bm.write_frames(tmp_path / "clip.mov", [image for image, _ in shots], 25)
     bm.write(tmp_path / "plate.png", shots[0][1])

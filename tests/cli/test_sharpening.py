@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import complaint, good, run
-from tests.scenes import rendered
+from tests.scenes import on_line, rendered
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -23,13 +23,9 @@ SIZE = (72, 48)
 def folder(tmp_path_factory):
     """Image and plate, a solution with its sweep, and one without."""
     folder = tmp_path_factory.mktemp("sharpen")
-    ball = bm.rendering.Ball(8, np.array([0.7, 0.35, 0.1]), second_color=np.array([0.1, 0.2, 0.7]))
+    ball = bm.rendering.Ball(8, (0.7, 0.35, 0.1), second_color=(0.1, 0.2, 0.7))
     path = (22.0, 20.0, 48.0, 28.0)
-    truth = rendered(
-        bm.rendering.Scene(
-            colorful_plate(SIZE, 1, tile=16), bm.Trajectory.line(path[:2], path[2:]), ball
-        )
-    )
+    truth = on_line(colorful_plate(SIZE, 1, tile=16), path[:2], path[2:], ball)
     sweep = Sweep(
         *(LINE, np.array(path), DISC, np.array([8.0]), bm.ColorModel.any()),
         *(1e-4 * np.eye(5), SIZE),
@@ -113,8 +109,8 @@ def test_before_a_guess_the_misfit_is_that_of_noise(tmp_path):
     """Honest: around what it hides, a guess is the image, and their difference shows no noise."""
     path, across = (50.0, 44.0, 100.0, 56.0), np.linspace(1, 1.3, 160)[:, None]
     wall = np.broadcast_to(across * (0.45, 0.5, 0.55), (100, 160, 3))
-    ball = bm.rendering.Ball(9, np.array([0.85, 0.25, 0.05]))
-    truth = rendered(bm.rendering.Scene(wall, bm.Trajectory.line(path[:2], path[2:]), ball))
+    ball = bm.rendering.Ball(9, (0.85, 0.25, 0.05))
+    truth = on_line(wall, path[:2], path[2:], ball)
     noise = np.random.default_rng(0).normal(0, 0.006, truth.image.rgb.shape)
     codes = np.rint(255 * bm.SRGB.encode(np.clip(truth.image.rgb + noise, 0, 1)))
     bm.write(tmp_path / "image.png", bm.decode(codes.astype(np.uint8), bm.SRGB))

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 from tests import commands
 from tests.motion.clip.sightings import sighted
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.motion import Workers
@@ -29,9 +29,8 @@ def folder(tmp_path_factory):
     camera = bm.rendering.Camera(code_std=1 / 255)
     for k in range(FRAMES):
         x = 100 - 12 * k - 2 * k * k
-        path = bm.Trajectory.line((x + 5 + k, 50), (x - 5 - k, 50))
-        light = rendered(
-            bm.rendering.Scene(scene, path, bm.rendering.Ball(8, color=COLOR))
+        light = on_line(
+            scene, (x + 5 + k, 50), (x - 5 - k, 50), bm.rendering.Ball(8, color=COLOR)
         ).image.rgb
         bm.write(folder / f"f{k}.png", camera.photograph(light, rng))
     bm.write(folder / "plate.exr", camera.photograph(scene, rng))

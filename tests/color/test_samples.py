@@ -1,15 +1,14 @@
 import numpy as np
 import pytest
-from tests.scenes import noisy, rendered
+from tests.scenes import noisy, on_line
 
 from blurmatte.color import core_colors, pick_colors
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene, colorful_plate
+from blurmatte.rendering import Ball, colorful_plate
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.streaks import Streak
-from blurmatte.trajectory import Trajectory
 
 NOISE = NoiseModel(gain=2e-5, read_std=8e-4)
 PAINT = np.array([0.9, 0.45, 0.05])
@@ -17,8 +16,7 @@ PAINT = np.array([0.9, 0.45, 0.05])
 
 def photos(length, plate, noise=NOISE):
     """A noisy picture of a ball of radius 20 that moves by `length` pixels, plate and true alpha."""
-    path = Trajectory.line((90 - length / 2, 60), (90 + length / 2, 62))
-    truth = rendered(Scene(plate, path, Ball(20, PAINT)))
+    truth = on_line(plate, (90 - length / 2, 60), (90 + length / 2, 62), Ball(20, PAINT))
     return *noisy(truth, noise, 7), truth.layer.alpha
 
 

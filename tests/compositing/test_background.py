@@ -6,16 +6,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.background import Match
 from blurmatte.compositing import cover, light_gain, long_exposure, remove, retouch, stack
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene, colorful_plate
+from blurmatte.rendering import Ball, colorful_plate
 from blurmatte.streaks import Streak
-from blurmatte.trajectory import Trajectory
 
 SIZE = (120, 70)
 STOPS = [(20.0, 20.0), (45.0, 30.0), (70.0, 40.0), (95.0, 50.0)]
@@ -91,9 +90,9 @@ def test_light_gain_rejects_pictures_without_light():
 def flights():
     """A ball's path through three contiguous exposures."""
     plate = colorful_plate(SIZE, 3, tile=25)
-    ball = Ball(9, np.array([0.7, 0.35, 0.1]))
+    ball = Ball(9, (0.7, 0.35, 0.1))
     for start, end in pairwise(STOPS):
-        yield rendered(Scene(plate, Trajectory.line(start, end), ball))
+        yield on_line(plate, start, end, ball)
 
 
 def test_stack_equals_layers_over_one_another():
@@ -110,8 +109,7 @@ def test_long_exposure_equals_a_rendering_of_that_exposure():
     """Exact up to time sampling: three contiguous exposures equal one of three times the length."""
     shots = list(flights())
     whole = long_exposure(shot.layer for shot in shots)
-    truth = rendered(Scene(shots[0].plate.rgb, Trajectory.line(STOPS[0], STOPS[-1]),
-                         Ball(9, np.array([0.7, 0.35, 0.1]))))  # fmt: skip
+    truth = on_line(shots[0].plate.rgb, STOPS[0], STOPS[-1], Ball(9, (0.7, 0.35, 0.1)))
     assert_allclose(whole.alpha, truth.layer.alpha, atol=2e-3)
     assert_allclose(whole.over(truth.plate).rgb, truth.image.rgb, atol=2e-3)
 

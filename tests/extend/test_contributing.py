@@ -18,7 +18,7 @@ TEXT = (Path(__file__).parents[2] / "CONTRIBUTING.md").read_text(encoding="utf-8
 @pytest.fixture(scope="module")
 def names():
     """What the examples define, in their order, for a small ball that moved."""
-    ball = bm.rendering.Ball(6, np.array([0.8, 0.25, 0.1]))
+    ball = bm.rendering.Ball(6, (0.8, 0.25, 0.1))
     plate = bm.rendering.colorful_plate((64, 48), 1, tile=16)
     scene = bm.rendering.Scene(plate, bm.Trajectory.line((18, 20), (44, 27)), ball)
     truth, noise = bm.rendering.render(scene), bm.NoiseModel(read_std=0.004)

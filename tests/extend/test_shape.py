@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.errors import MotionError
@@ -155,8 +155,7 @@ def test_hypotheses_are_not_fitted_where_a_disc_leaves_nothing_to_explain():
 
     ball = bm.rendering.Ball(6, PAINT)
     plate = bm.rendering.colorful_plate((64, 48), 1, tile=16)
-    path = bm.Trajectory.line((18, 20), (44, 27))
-    truth = rendered(bm.rendering.Scene(plate, path, ball))
+    truth = on_line(plate, (18, 20), (44, 27), ball)
     pictures = (p.with_noise(bm.NoiseModel(read_std=STD)) for p in (truth.image, truth.plate))
     solution = bm.solve(*pictures, None, bm.Swept(hypotheses=(*HYPOTHESES, NotNeeded())))
     assert solution.sweep.silhouette.is_disc

@@ -44,7 +44,7 @@ def moved(size=(64, 48)):
 
     plate = colorful_plate(size, rng=1, tile=9)
     path = Trajectory.line((18, 20), (44, 26))
-    scene = Scene(plate, path, Ball(6, np.array([0.9, 0.5, 0.05])))
+    scene = Scene(plate, path, Ball(6, (0.9, 0.5, 0.05)))
     noise = bm.NoiseModel(0, 1e-3)
     image, plate = (bm.LinearImage(x, noise) for x in (rendered(scene).image.rgb, plate))
     return image, plate, bm.sweep.fit_sweep(image, plate)

@@ -9,7 +9,7 @@ import pytest
 import rawpy
 from numpy.testing import assert_allclose
 from tests.commands import run
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.calibration import fit_noise
 from blurmatte.color.model import ColorModel
@@ -21,9 +21,8 @@ from blurmatte.files.writing import write
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors
 from blurmatte.radiometry.sensor import demosaic, exif_orientation
-from blurmatte.rendering import Ball, Scene, colorful_plate
+from blurmatte.rendering import Ball, colorful_plate
 from blurmatte.streaks import find_streaks
-from blurmatte.trajectory import Trajectory
 
 BAYER = {
     "RGGB": ((0, 1), (1, 2)),
@@ -290,9 +289,8 @@ def test_noise_without_a_profile_is_unknown(tmp_path, make_dng, profile):
 def throw(tmp_path_factory, make_dng, make_mosaic):
     """A ball thrown before tiles: the truth, and the folder of image.dng and plate.dng."""
     folder = tmp_path_factory.mktemp("throw")
-    ball = Ball(12, np.array([0.7, 0.35, 0.1]))
-    path = Trajectory.line((36, 30), (92, 50))
-    truth = rendered(Scene(0.8 * colorful_plate((128, 80), rng=2, tile=24), path, ball))
+    ball = Ball(12, (0.7, 0.35, 0.1))
+    truth = on_line(0.8 * colorful_plate((128, 80), rng=2, tile=24), (36, 30), (92, 50), ball)
     rng = np.random.default_rng(7)
     for name, picture in (("image", truth.image), ("plate", truth.plate)):
         noisy = picture.rgb + 2e-3 * rng.standard_normal(picture.rgb.shape)

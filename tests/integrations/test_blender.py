@@ -92,7 +92,7 @@ def used(archive, tmp_path_factory):
     folder = tmp_path_factory.mktemp("blender")
     plate = colorful_plate(SIZE, rng=1, tile=9).astype(np.float32)
     path = Trajectory.arc((22, 40), (45, 24), (70, 30))
-    scene = Scene(plate.astype(float), path, Ball(8, np.array([0.9, 0.5, 0.05])))
+    scene = Scene(plate.astype(float), path, Ball(8, (0.9, 0.5, 0.05)))
     image = rendered(scene).image.rgb
     noise = np.random.default_rng(0).normal(0, 2e-3, image.shape)
     bm.write(folder / "image.exr", bm.LinearImage((image + noise).astype(np.float32)))

@@ -63,7 +63,7 @@ def test_an_alpha_without_a_shape_that_has_weight_has_a_simulated_error(monkeypa
     """Two balls that cross are no shape on a path."""
     plate = image = bm.LinearImage(plain_plate(SIZE, (0.3, 0.33, 0.36), 1))
     for start, end in (((25, 20), (100, 52)), ((25, 52), (100, 20))):
-        body = Ball(9, np.array([0.9, 0.45, 0.05]))
+        body = Ball(9, (0.9, 0.45, 0.05))
         layer = render(Scene(plate.rgb, Trajectory.line(start, end), body), 120).layer
         image = layer.over(image)
     camera, rng = Camera(code_std=1 / 255), np.random.default_rng(0)

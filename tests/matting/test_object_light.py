@@ -80,7 +80,7 @@ def test_occluded_and_undetermined_pixels_stay_empty(flag):
 
 
 def test_clipped_highlight_is_filled_in_the_layer():
-    body = Ball(16, np.array([0.8, 0.35, 0.06]), highlight=2.0)
+    body = Ball(16, (0.8, 0.35, 0.06), highlight=2.0)
     scene = Scene(
         plain_plate((128, 96), (0.3, 0.33, 0.36), 5), Trajectory.line((59, 48), (69, 48)), body
     )

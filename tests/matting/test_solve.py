@@ -7,7 +7,7 @@ from functools import cache, partial
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from tests.scenes import photographed, rendered
+from tests.scenes import on_line, photographed, rendered
 
 from blurmatte.background import Matching
 from blurmatte.background.plate import make_plate
@@ -278,7 +278,7 @@ def two_balls(paint):
     """The picture with a second ball, stronger and green, that reaches the border."""
     image, plate = taken(paint)
     at_border = Trajectory.line((186, 16), (192, 22))
-    other = render(Scene(paint.plate.rgb, at_border, Ball(16, np.array([0.1, 0.7, 0.2]))))
+    other = render(Scene(paint.plate.rgb, at_border, Ball(16, (0.1, 0.7, 0.2))))
     image.rgb[:50, 160:] = taken(other)[0].rgb[:50, 160:]
     green, orange, *_ = find_streaks(image, plate)
     assert green.box[0] > 100 > orange.box[0]
@@ -427,8 +427,8 @@ def test_grade_is_that_of_the_claimed_error(answers):
 
 def small_ball(plate, jpeg=None):
     """(truth, image, plate) of a ball in a small picture."""
-    ball = Ball(7.0, np.array([0.6, 0.12, 0.05]))
-    truth = rendered(Scene(plate, Trajectory.line((26, 30), (66, 40)), ball))
+    ball = Ball(7.0, (0.6, 0.12, 0.05))
+    truth = on_line(plate, (26, 30), (66, 40), ball)
     return truth, *Shot(truth.scene, Camera(code_std=1 / 255, jpeg_quality=jpeg)).photograph(truth)
 
 
@@ -736,7 +736,7 @@ WALLS = {
 @pytest.mark.parametrize("wall", WALLS)
 def test_correct_order_does_not_warn(wall, color):
     for end in ((140, 90), (70, 50)):
-        scene = rendered(Scene(WALLS[wall], Trajectory.line((50, 40), end), Ball(14, color)))
+        scene = on_line(WALLS[wall], (50, 40), end, Ball(14, color))
         for code_std, plate_part in ((0.3, 0), (2, 1)):
             pictures = with_noise(*taken(scene, 5, code_std / 255, plate_part))
             streak = find_streaks(*pictures)[0]

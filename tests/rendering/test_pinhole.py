@@ -106,7 +106,7 @@ def test_outline_is_elongated_away_from_the_axis():
 
 
 def test_agrees_with_the_far_camera_at_a_long_focal_length():
-    for ball in (GLOSSY, Ball(9, ORANGE, second_color=np.array([0.1, 0.2, 0.7]))):
+    for ball in (GLOSSY, Ball(9, ORANGE, second_color=(0.1, 0.2, 0.7))):
         near, far = Pose(TURNED, np.eye(2), CameraView((1e-6, 0.0), 1e7)), Pose(TURNED, np.eye(2))
         x, y = around(ball, far)
         for a, b in zip(ball.sharp(x, y, near), ball.sharp(x, y, far), strict=True):
@@ -115,9 +115,7 @@ def test_agrees_with_the_far_camera_at_a_long_focal_length():
 
 def test_perspective_hides_part_of_the_paint():
     """A camera near the ball sees less than half of it: the band at the rim disappears."""
-    ball = Ball(
-        9, ORANGE, ambient=1, second_color=np.array([0.1, 0.2, 0.7]), band=0.2, axis=(0, 0, 1)
-    )
+    ball = Ball(9, ORANGE, ambient=1, second_color=(0.1, 0.2, 0.7), band=0.2, axis=(0, 0, 1))
     far, near = Pose(np.eye(3), np.eye(2)), Pose(np.eye(3), np.eye(2), CameraView((0.0, 0.0), 12.0))
     seen = [ball.sharp(*around(ball, p), p)[1][..., 2].max() for p in (far, near)]
     assert seen[0] > 0.2

@@ -8,7 +8,7 @@ from blurmatte.rendering import Ball, Scene
 from blurmatte.rendering.scene import Shadow
 from blurmatte.trajectory import Trajectory
 
-BALL = Ball(4, np.array([0.9, 0.5, 0.05]))
+BALL = Ball(4, (0.9, 0.5, 0.05))
 PATH = Trajectory.line((5, 5), (9, 9))
 PLATE = np.full((12, 16, 3), 0.5)
 

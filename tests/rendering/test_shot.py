@@ -19,7 +19,7 @@ from blurmatte.trajectory import Trajectory
 SCENE = Scene(
     colorful_plate((48, 36), 1, tile=12),
     Trajectory.line((14, 18), (34, 20)),
-    Ball(5, np.array([0.9, 0.5, 0.1])),
+    Ball(5, (0.9, 0.5, 0.1)),
 )
 CAMERA = Camera(NoiseModel(read_std=0.01), bits=None)
 

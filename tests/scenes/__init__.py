@@ -9,7 +9,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Shot, render
+from blurmatte.rendering import Scene, Shot, render
+from blurmatte.trajectory import Trajectory
 
 RED = ColorModel.from_hex("#ff0000")
 
@@ -17,6 +18,11 @@ RED = ColorModel.from_hex("#ff0000")
 def rendered(scene, substeps=200):
     """The truth of a scene."""
     return _rendered(scene, substeps)
+
+
+def on_line(plate, start, end, body, substeps=200):
+    """The truth of a body that moves on a line before a plate."""
+    return rendered(Scene(plate, Trajectory.line(start, end), body), substeps)
 
 
 @lru_cache(maxsize=64)

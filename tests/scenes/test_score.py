@@ -38,7 +38,7 @@ from blurmatte.trajectory import Trajectory
 SCENE = Scene(
     colorful_plate((96, 64), 1, tile=16),
     Trajectory.line((24.3, 30), (66, 38.2)),
-    Ball(8, np.array([0.9, 0.45, 0.05]), ambient=0.6),
+    Ball(8, (0.9, 0.45, 0.05), ambient=0.6),
 )
 
 

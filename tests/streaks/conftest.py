@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pytest
 from PIL import Image
-from tests.scenes import rendered
+from tests.scenes import on_line, rendered
 
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import SRGB, decode
@@ -51,10 +51,9 @@ def balls_side_by_side(taken):
     """A function: balls of radius 9 and 7 on parallel paths of 40 px, their truths and pictures."""
 
     def of(wall, gap, code_std=1):
-        path = Trajectory.line((92, 96 + gap), (132, 96 + gap))
         first = Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, (0.9, 0.5, 0.1)))
         one = rendered(first)
-        two = rendered(Scene(one.image.rgb, path, Ball(7, (0.1, 0.3, 0.9))))
+        two = on_line(one.image.rgb, (92, 96 + gap), (132, 96 + gap), Ball(7, (0.1, 0.3, 0.9)))
         return one, two, with_noise(*taken(two.image.rgb, wall, code_std, 1))
 
     return of

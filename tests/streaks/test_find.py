@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import ndimage
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.calibration import with_noise
 from blurmatte.errors import PlateError
 from blurmatte.files.reading import read
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering import Ball, Camera
 from blurmatte.streaks import Streak, find_streak_within, find_streaks, merge_across_occluder
 from blurmatte.streaks.find import join_in_line
-from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.1])
 NAMES = ["tiles", "dark", "plain", "two hues"]
@@ -99,8 +98,7 @@ def test_no_streak_in_clipped_lamp(taken, paint):
 @pytest.fixture(scope="module", params=NAMES)
 def faint(plates, request):
     """A rendering whose alpha is at most 0.05."""
-    path = Trajectory.line((40, 50), (220, 150))
-    return rendered(Scene(plates[request.param], path, Ball(5.2, ORANGE, ambient=0.8)))
+    return on_line(plates[request.param], (40, 50), (220, 150), Ball(5.2, ORANGE, ambient=0.8))
 
 
 @pytest.mark.diagonal
@@ -133,8 +131,8 @@ def test_floats_and_files_give_equal_masks(paint):
 
 
 def test_sorts_two_objects_by_evidence(taken, plates):
-    one = rendered(Scene(plates["tiles"], Trajectory.line((40, 40), (100, 40)), Ball(12, ORANGE)))
-    two = rendered(Scene(one.image.rgb, Trajectory.line((60, 150), (220, 140)), Ball(6, ORANGE)))
+    one = on_line(plates["tiles"], (40, 40), (100, 40), Ball(12, ORANGE))
+    two = on_line(one.image.rgb, (60, 150), (220, 140), Ball(6, ORANGE))
     found = find_streaks(*taken(two.image.rgb, plates["tiles"], 1, 0))
     assert len(found) == 2
     assert covered(found[0], one.layer.alpha) > 0.97
@@ -162,7 +160,7 @@ def test_line_of_the_plate_does_not_split_a_streak(taken, plates, width, light):
     """Invariant: for a dark line, and for one of the color of the ball's shaded side."""
     wall = plates["tiles"].copy()
     wall[:, 120 : 120 + width] = light
-    ball = rendered(Scene(wall, Trajectory.line((90, 80), (160, 100)), Ball(18, ORANGE)))
+    ball = on_line(wall, (90, 80), (160, 100), Ball(18, ORANGE))
     found = find_streaks(*taken(ball.image.rgb, wall, 0.3, 1))
     assert len(found) == 1
     assert covered(found[0], ball.layer.alpha) > 0.95
@@ -170,7 +168,7 @@ def test_line_of_the_plate_does_not_split_a_streak(taken, plates, width, light):
 
 def test_excludes_weak_shadow(taken, plates):
     """A shadow next to the ball dims every channel by 1.5 %."""
-    ball = rendered(Scene(plates["plain"], Trajectory.line((60, 60), (140, 60)), Ball(14, ORANGE)))
+    ball = on_line(plates["plain"], (60, 60), (140, 60), Ball(14, ORANGE))
     light = ball.image.rgb.copy()
     light[76:110, 50:150] *= 0.985
     found = find_streaks(*taken(light, plates["plain"], 0.5, 0))
@@ -180,16 +178,14 @@ def test_excludes_weak_shadow(taken, plates):
 
 @pytest.mark.parametrize("edge", [(0, 96), (255, 96), (128, 0), (128, 191), (0, 0)])
 def test_finds_streak_at_the_border(taken, plates, edge):
-    path = Trajectory.line(edge, (128, 96))
-    scene = rendered(Scene(plates["tiles"], path, Ball(10, ORANGE)))
+    scene = on_line(plates["tiles"], edge, (128, 96), Ball(10, ORANGE))
     found = find_streaks(*taken(scene.image.rgb, scene.plate.rgb, 1, 0))
     assert len(found) == 1
     assert covered(found[0], scene.layer.alpha) > 0.97
 
 
 def test_searches_large_pictures_in_cells(taken, plates):
-    path = Trajectory.line((40, 50), (220, 150))
-    small = rendered(Scene(plates["plain"], path, Ball(5.2, ORANGE, ambient=0.8)))
+    small = on_line(plates["plain"], (40, 50), (220, 150), Ball(5.2, ORANGE, ambient=0.8))
     height, width = small.layer.alpha.shape
     plate = np.tile(small.plate.rgb, (1001 // height + 1, 1001 // width + 1, 1))[:1001, :1001]
     light, alpha = plate.copy(), np.zeros(plate.shape[:2])
@@ -207,8 +203,7 @@ def test_searches_large_pictures_in_cells(taken, plates):
 @pytest.mark.parametrize("plate", ["tiles", "plain"])
 def test_finds_object_over_a_quarter_of_the_picture(taken, plates, plate, radius):
     wall = plates[plate][:128, :192]
-    path = Trajectory.line((45, 45), (145, 80))
-    scene = rendered(Scene(wall, path, Ball(radius, ORANGE)))
+    scene = on_line(wall, (45, 45), (145, 80), Ball(radius, ORANGE))
     found = find_streaks(*taken(scene.image.rgb, wall, 1, 0))
     assert len(found) == 1
     assert covered(found[0], scene.layer.alpha) > 0.97

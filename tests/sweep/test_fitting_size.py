@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.color.model import ColorModel
 from blurmatte.matting import Averaged, solve
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering import Ball, Camera, colorful_plate
 from blurmatte.statistics import cell_means
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fitting_size import FittingSize
@@ -19,7 +19,6 @@ from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.trajectory import Trajectory
 
 CELL = 3
 SIZE = FittingSize(CELL, (2, 4, 2 + 20 * CELL, 4 + 16 * CELL), (70, 60))
@@ -48,8 +47,7 @@ def sweep_of(family, silhouette, shape, cast=None):
 def wide():
     """Scene with a streak of 34 pixels, and its pictures with noise."""
     plate = colorful_plate((200, 130), 3, tile=24)
-    path = Trajectory.line((60.3, 60.2), (142.1, 70.4))
-    truth = rendered(Scene(plate, path, Ball(17.0, np.array([0.75, 0.4, 0.06]))))
+    truth = on_line(plate, (60.3, 60.2), (142.1, 70.4), Ball(17.0, (0.75, 0.4, 0.06)))
     rng, camera = np.random.default_rng(0), Camera(code_std=1.5 / 255)
     return truth, [camera.photograph(one.rgb, rng) for one in (truth.image, truth.plate)]
 

@@ -22,12 +22,12 @@ SIZE = (160, 112)
 TILES = Scene(
     colorful_plate(SIZE, 2, tile=20),
     Trajectory.line((44, 42), (112, 68)),
-    Ball(11, np.array([0.85, 0.6, 0.1])),
+    Ball(11, (0.85, 0.6, 0.1)),
 )
 BEFORE_DARK = Scene(
     plain_plate(SIZE, (0.12, 0.13, 0.16), 4),
     TILES.trajectory,
-    Ball(13, np.array([0.8, 0.6, 0.2]), ambient=1.0),
+    Ball(13, (0.8, 0.6, 0.2), ambient=1.0),
 )
 
 

@@ -19,11 +19,11 @@ from PIL import Image
 pytest.importorskip("starlette", reason="needs the extra ui")
 pytest.importorskip("playwright", reason="needs playwright")
 from playwright.sync_api import Browser, Page, expect, sync_playwright
-from tests.scenes import rendered
+from tests.scenes import on_line
 from tests.ui.programs import helpers, wait_for
 
 import blurmatte as bm
-from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
+from blurmatte.rendering import Ball, Camera, Shot, colorful_plate
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "plain"
@@ -120,8 +120,9 @@ def scene(tmp_path_factory) -> Path:
     ):
         shots = []
         for k in range(count):
-            path = bm.Trajectory.line((26 + 12 * k, 28), (70 - 22 * (count > 1) + 12 * k, 42))
-            truth = rendered(Scene(plate, path, Ball(9, color=color)))
+            truth = on_line(
+                plate, (26 + 12 * k, 28), (70 - 22 * (count > 1) + 12 * k, 42), Ball(9, color=color)
+            )
             shots.append(Shot(truth.scene, camera).photograph(truth))
         bm.write(folder / f"{name}.png", shots[0][0])
         bm.write(folder / f"{name}_plate.png", shots[0][1])

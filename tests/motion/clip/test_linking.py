@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.motion.clip.sightings import sighted
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -122,9 +122,8 @@ def test_two_balls_in_rendered_clip():
         light = plate
         for y, vx, radius in ((25, 18, 7), (65, -20, 6)):
             x = 75 + (k - 1) * vx
-            path = bm.Trajectory.line((x - vx / 4, y), (x + vx / 4, y))
-            light = rendered(
-                bm.rendering.Scene(light, path, bm.rendering.Ball(radius, color=color))
+            light = on_line(
+                light, (x - vx / 4, y), (x + vx / 4, y), bm.rendering.Ball(radius, color=color)
             ).image.rgb
         frames.append(camera.photograph(light, rng))
     model = bm.ColorModel(np.array(color)[:, None] / np.linalg.norm(color))

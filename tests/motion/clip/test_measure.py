@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from tests.motion.clip.sightings import sighted
-from tests.scenes import rendered
+from tests.scenes import on_line, rendered
 
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
@@ -40,8 +40,9 @@ CAMERA = Camera(code_std=1 / 255)
 def light_of(plate, k, alone=False, color=COLOR):
     """The exact light of a frame: a second, blue ball, and the ball except in one frame."""
     if not alone:
-        other = Trajectory.line((140 - 14 * k, 16), (132 - 14 * k, 18))
-        plate = rendered(Scene(plate, other, Ball(5, color=(0.05, 0.1, 0.9)))).image.rgb
+        plate = on_line(
+            plate, (140 - 14 * k, 16), (132 - 14 * k, 18), Ball(5, color=(0.05, 0.1, 0.9))
+        ).image.rgb
     if k == GONE:
         return plate
     t = k - OPEN / 2
@@ -289,8 +290,9 @@ def color_of_ball_with(other, paths, length, seed):
     frames = []
     for k, path in enumerate(paths):
         behind = rendered(Scene(plate, Trajectory.line(*path), other)).image.rgb
-        own = Trajectory.line((30 + 15 * k, 40), (30 + 15 * k + length, 44))
-        light = rendered(Scene(behind, own, Ball(RADIUS, color=COLOR))).image.rgb
+        light = on_line(
+            behind, (30 + 15 * k, 40), (30 + 15 * k + length, 44), Ball(RADIUS, color=COLOR)
+        ).image.rgb
         frames.append(CAMERA.photograph(light, rng))
     return clip_color(frames, CAMERA.photograph(plate, rng))
 
@@ -380,7 +382,7 @@ def test_a_reason_of_several_streaks_is_stated_once(monkeypatch):
     plate = colorful_plate(SIZE, 2, tile=24)
     light = plate
     for start, end in (((25, 30), (45, 34)), ((105, 85), (125, 90))):
-        light = rendered(Scene(light, Trajectory.line(start, end), Ball(RADIUS, color=COLOR)))
+        light = on_line(light, start, end, Ball(RADIUS, color=COLOR))
         light = light.image.rgb
     measured = []
 

@@ -2,16 +2,15 @@
 
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.motion.clip.steps import solve_clip
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering import Ball
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.sweep import OpacityPrior
-from blurmatte.trajectory import Trajectory
 
 SIZE, RADIUS, OPACITY, NOISE = (200, 100), 10, 0.5, 0.004
 HALF = np.array([12, 3])  # of the path in an exposure
@@ -25,8 +24,7 @@ def test_opacity_sum_and_size_are_within_their_errors():
     exact, truth = [plate], []
     for k in range(4):
         middle = np.array([35 + 40 * k, 40 + 6 * k])
-        path = Trajectory.line(middle - HALF, middle + HALF)
-        scene = rendered(Scene(plate, path, Ball(RADIUS, np.array([0.8, 0.3, 0.1]))))
+        scene = on_line(plate, middle - HALF, middle + HALF, Ball(RADIUS, (0.8, 0.3, 0.1)))
         exact.append(OPACITY * scene.image.rgb + (1 - OPACITY) * plate)
         truth.append((middle, OPACITY * scene.layer.alpha.sum()))
     still, *frames = (

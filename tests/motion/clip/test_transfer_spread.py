@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.motion.clip.sightings import sighted
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -30,7 +30,7 @@ def scene():
     """A frame, a plate, and the row of the ball in it."""
     plate = plain_plate((96, 72), (0.12, 0.13, 0.16), 4)
     ball = bm.rendering.Ball(RADIUS, color=(0.8, 0.6, 0.2), ambient=1.0)
-    truth = rendered(bm.rendering.Scene(plate, bm.Trajectory.line(START, END), ball))
+    truth = on_line(plate, START, END, ball)
     noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
     seen = sighted((45, 34), (30.0, 8.0), radius=RADIUS, ends=(START, END))
     row = bm.motion.FrameMotion(4, 0.1, seen, 1)
@@ -62,9 +62,7 @@ def refused(body, noise=0.0015):
     """A gray frame of little noise with its plate, and the row of a frame without a disc."""
     light = colorful_plate((112, 88), 3, tile=14)[..., :1]
     plate = np.repeat(0.01 + 0.85 * (light / light.max()) ** 2, 3, axis=-1)
-    truth = rendered(
-        bm.rendering.Scene(plate, bm.Trajectory.line((36.0, 36.0), (68.0, 48.0)), body)
-    )
+    truth = on_line(plate, (36.0, 36.0), (68.0, 48.0), body)
     rng = np.random.default_rng(0)
     frame, behind = (
         assumed(picture.rgb + noise * rng.normal(size=(88, 112, 1)))

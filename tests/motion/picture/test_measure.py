@@ -177,7 +177,7 @@ def test_errors_of_sweeps_contain_scatter():
         rng = np.random.default_rng(seed)
         start, radius = rng.uniform(14, 22, 2), rng.uniform(5, 8)
         path = Trajectory.line(start, start + rng.uniform(10, 26, 2))
-        ball = Ball(radius, np.array([0.8, 0.35, 0.06]))
+        ball = Ball(radius, (0.8, 0.35, 0.06))
         scene = Scene(colorful_plate((64, 64), seed, tile=14), path, ball)
         image, plate = photographed(scene, Camera(code_std=1 / 255), seed, plate_frames=1)
         image = replace(image, meta=replace(image.meta, exposure_time=0.02))

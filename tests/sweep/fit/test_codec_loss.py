@@ -3,6 +3,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from tests.scenes import on_line
 from tests.sweep.scenes import (
     BOUNDS,
     CAMERA,
@@ -25,7 +26,7 @@ from blurmatte.radiometry import REC709, SRGB, CodingError, LinearImage
 from blurmatte.radiometry.compression import CodingErrors, FrameCoding, lost_change
 from blurmatte.radiometry.image import Meta
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, ycbcr_matrix
-from blurmatte.rendering import Ball, Camera, Scene
+from blurmatte.rendering import Ball, Camera
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.diagnostics import sweep_of
@@ -39,7 +40,6 @@ from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX, Silhouette
-from blurmatte.trajectory import Trajectory
 
 STEP, NOISE = 8 / 255, 1 / 255  # code values
 COLOR = np.array([0.6, 0.3, 0.1])
@@ -51,8 +51,9 @@ def coded(seed, fraction):
     rng = np.random.default_rng(seed)
     size, radius = (176, 96), rng.uniform(9, 14)
     plate = 0.6 * textured_plate(size, rng)
-    path = Trajectory.line((40.3, 44), (40.3 + rng.uniform(70, 90), 50))
-    scene = rendered(Scene(plate, path, Ball(radius, COLOR, ambient=1.0)))
+    scene = on_line(
+        plate, (40.3, 44), (40.3 + rng.uniform(70, 90), 50), Ball(radius, COLOR, ambient=1.0)
+    )
     codes, before = REC709.encode(scene.image.rgb), REC709.encode(plate)
     matrix = ycbcr_matrix(LUMA_WEIGHTS_709)
     planes = (codes - before) @ matrix.T

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import scipy
-from tests.scenes import rendered
+from tests.scenes import on_line, rendered
 from tests.sweep.scenes import BOUNDS, NEUTRAL
 
 from blurmatte.calibration import with_noise
@@ -141,8 +141,7 @@ def before_wall(seed):
     lamp = Lamp((np.cos(aside), np.sin(aside), rng.uniform(0.5, 1.5)))
     gloss = rng.choice([0.0, 0.3])
     ball = Ball(radius, paint, ambient=0.4, lamps=(lamp,), highlight=gloss)
-    path = Trajectory.line(middle - half, middle + half)
-    light = rendered(Scene(wall, path, ball), 64).image.rgb
+    light = on_line(wall, middle - half, middle + half, ball, 64).image.rgb
     pictures = []
     for exact in (light, wall):
         codes = 255 * SRGB.encode(exact[..., 1]) + rng.normal(0, 1, exact.shape[:2])
@@ -161,8 +160,7 @@ def glossy_before_wall(seed):
     lamp = Lamp((np.cos(aside), np.sin(aside), rng.uniform(0.5, 1.5)))
     paint = rng.permutation([0.7, 0.3, 0.1])
     ball = Ball(radius, paint, ambient=0.4, lamps=(lamp,), highlight=0.5)
-    path = Trajectory.line(middle - half, middle + half)
-    light = rendered(Scene(wall, path, ball), 64).image.rgb
+    light = on_line(wall, middle - half, middle + half, ball, 64).image.rgb
     pictures = []
     for exact in (light, wall):
         codes = 255 * SRGB.encode(exact) + rng.normal(0, 1, exact.shape)
@@ -205,9 +203,8 @@ def test_a_band_of_another_paint_does_not_move_the_rim():
     half = rng.uniform(0.5, 1) * radius * np.array([1.0, rng.uniform(-0.5, 0.5)])
     dark, light = np.full(3, 0.1), np.full(3, 0.9)
     ball = Ball(radius, dark, second_color=light, band=0.4, axis=tuple(rng.normal(size=3)))
-    path = Trajectory.line(middle - half, middle + half)
     pictures = []
-    for exact in (rendered(Scene(texture, path, ball), 64).image.rgb, texture):
+    for exact in (on_line(texture, middle - half, middle + half, ball, 64).image.rgb, texture):
         codes = 255 * SRGB.encode(exact[..., 1]) + rng.normal(0, 1, exact.shape[:2])
         codes = np.rint(np.clip(codes, 0, 255)).astype(np.uint8)
         pictures.append(decode(np.repeat(codes[..., None], 3, axis=2), SRGB))

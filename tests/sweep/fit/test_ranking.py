@@ -27,7 +27,7 @@ from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.model.state import state_at
 from blurmatte.trajectory import Trajectory
 
-PALE = replace(BALL, body=Ball(11, np.array([0.9, 0.95, 0.7]), ambient=0.9))
+PALE = replace(BALL, body=Ball(11, (0.9, 0.95, 0.7), ambient=0.9))
 
 
 @pytest.fixture(scope="module")

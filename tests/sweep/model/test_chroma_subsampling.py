@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
-from tests.scenes import rendered
+from tests.scenes import on_line
 
 from blurmatte.radiometry import REC709, SRGB, LinearImage, NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate
+from blurmatte.rendering import Ball, Camera, colorful_plate
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.sweep.model.chroma_subsampling import (
     ChromaBlur,
@@ -19,7 +19,6 @@ from blurmatte.sweep.model.chroma_subsampling import (
     light_before,
     light_of_colors,
 )
-from blurmatte.trajectory import Trajectory
 
 SIZE = (96, 72)
 GREEN = np.array([0.25, 0.7, 0.12])
@@ -40,7 +39,7 @@ def through_a_file(light, transfer):
 @cache
 def rendered_before(plate_name):
     plate = {"even": EVEN, "wall": WALL, "tiles": TILES}[plate_name]
-    return rendered(Scene(plate, Trajectory.line((32, 30), (62, 42)), Ball(9, GREEN)))
+    return on_line(plate, (32, 30), (62, 42), Ball(9, GREEN))
 
 
 def across(truth):

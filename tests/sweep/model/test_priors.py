@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.scenes import rendered
+from tests.scenes import on_line, rendered
 
 import blurmatte as bm
 from blurmatte.rendering import Ball, Scene, colorful_plate
@@ -21,8 +21,8 @@ from blurmatte.trajectory import Trajectory
 def pictures():
     """A ball of radius 6 before tiles, with noise."""
     plate = colorful_plate((64, 48), 1, tile=12)
-    ball = Ball(6, np.array([0.7, 0.35, 0.1]))
-    light = rendered(Scene(plate, Trajectory.line((18, 20), (44, 27)), ball)).image.rgb
+    ball = Ball(6, (0.7, 0.35, 0.1))
+    light = on_line(plate, (18, 20), (44, 27), ball).image.rgb
     rng = np.random.default_rng(1)
     noise = bm.NoiseModel(read_std=0.02)
     return [bm.LinearImage(x + rng.normal(0, 0.02, x.shape), noise) for x in (light, plate)]
@@ -126,7 +126,7 @@ def before_wall(shadow, more_noise=0.0):
     scene = Scene(
         plain_plate(size, (0.42, 0.42, 0.4), 4),
         Trajectory.line((18, 20), (44, 27)),
-        Ball(6, np.array([0.27, 0.72, 0.13])),
+        Ball(6, (0.27, 0.72, 0.13)),
         shadow=shadow,
     )
     truth, rng = rendered(scene), np.random.default_rng(1)
