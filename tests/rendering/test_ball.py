@@ -5,6 +5,7 @@ import pytest
 from benchmarks.rendered import render_flight
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import map_coordinates
+from tests.rendering.bodies import around, means, points_in
 
 from blurmatte import Intrinsics
 from blurmatte.rendering import Ball
@@ -21,12 +22,6 @@ SHEARED = Pose(TURNED.rotation, np.array([[1.2, 0.5], [-0.1, 0.9]]))
 POSES = {"at rest": AT_REST, "turned": TURNED, "squashed": SQUASHED, "sheared": SHEARED}
 LENS = Intrinsics(60, 62, 30, 22, np.array([-0.1, 0.02, 2e-3, -1e-3]))
 PLATE = np.full((44, 60, 3), 0.25)
-
-
-def around(body, pose=AT_REST, shift=(0.31, -0.17)):
-    """Pixel centers, from the center of the body, that hold all of it."""
-    x, y = (np.arange(-np.ceil(r) - 1, np.ceil(r) + 2) for r in body.reach(pose))
-    return x + shift[0], y + shift[1]
 
 
 def unit(direction):
@@ -63,14 +58,11 @@ def light_at(ball, normal, pose):
 
 def counted(ball, x, y, pose, n):
     """Coverage and light as means over n × n points of every pixel."""
-    px, py = ((v[:, None] + (np.arange(n) + 0.5) / n - 0.5).ravel() for v in (x, y))
-    points = np.stack(np.meshgrid(px, py), axis=-1)
-    u = points @ np.linalg.inv(pose.stretch).T / ball.radius
+    u = points_in(x, y, n) @ np.linalg.inv(pose.stretch).T / ball.radius
     inside = np.sum(u**2, axis=-1) <= 1
     z = np.sqrt(np.maximum(1 - np.sum(u**2, axis=-1), 0))
     light = light_at(ball, np.dstack([u, z]), pose) * inside[..., None]
-    blocks = (len(y), n, len(x), n)
-    return inside.reshape(blocks).mean((1, 3)), light.reshape(*blocks, 3).mean((1, 3))
+    return means(inside, x, y, n), means(light, x, y, n)
 
 
 BALLS = {

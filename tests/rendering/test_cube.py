@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.rendering.bodies import around, means, points_in
 
 from blurmatte.rendering.flat_bodies import Cube
 from blurmatte.rendering.lighting import Lamp
@@ -21,16 +22,9 @@ POSES = {
 }
 
 
-def around(body, pose, shift=(0.31, -0.17)):
-    """Pixel centers, from the center of the body, that hold all of it."""
-    x, y = (np.arange(-np.ceil(r) - 1, np.ceil(r) + 2) for r in body.reach(pose))
-    return x + shift[0], y + shift[1]
-
-
 def counted(cube, x, y, pose, n=60):
     """Coverage and light as means over n × n rays of every pixel, cut with the cube's slabs."""
-    px, py = ((v[:, None] + (np.arange(n) + 0.5) / n - 0.5).ravel() for v in (x, y))
-    plane = np.stack(np.meshgrid(px, py), axis=-1) @ np.linalg.inv(pose.stretch).T
+    plane = points_in(x, y, n) @ np.linalg.inv(pose.stretch).T
     start = plane @ pose.rotation[:2] + 100 * pose.rotation[2]  # in the cube's own directions
     ray = np.where(np.abs(pose.rotation[2]) < 1e-12, 1e-12, -pose.rotation[2])
     enter = (-np.sign(ray) * cube.side / 2 - start) / ray
@@ -39,8 +33,7 @@ def counted(cube, x, y, pose, n=60):
     axis = enter.argmax(axis=-1)  # the face through which the ray enters last
     faces = 2 * axis + (ray[axis] > 0)
     light = np.array([face_light(cube, k, pose) for k in range(6)])[faces] * hit[..., None]
-    blocks = (len(y), n, len(x), n)
-    return hit.reshape(blocks).mean((1, 3)), light.reshape(*blocks, 3).mean((1, 3))
+    return means(hit, x, y, n), means(light, x, y, n)
 
 
 def face_light(cube, k, pose):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks.rendered import render_flight
 from numpy.testing import assert_allclose
+from tests.rendering.bodies import around, means, points_in
 
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.rendering import Ball, Scene, render
@@ -38,11 +39,9 @@ def unit(v):
 
 def cast(ball, view, x, y, n):
     """Coverage and light as means over n × n rays of every pixel; space is x right, y down, z back."""
-    px, py = ((v[:, None] + (np.arange(n) + 0.5) / n - 0.5).ravel() for v in (x, y))
     u, v = view.slope
-    slopes = np.meshgrid(u + px / view.focal, v + py / view.focal)
-    rays = np.stack([*slopes, np.full(slopes[0].shape, -1)], axis=-1)
-    rays = unit(rays)
+    slopes = np.array([u, v]) + points_in(x, y, n) / view.focal
+    rays = unit(np.dstack([slopes, np.full(slopes.shape[:2], -1)]))
     center, R = np.array([u, v, -1]), ball.radius / view.focal
     near = rays @ center
     inside = near**2 - (center @ center - R**2)
@@ -55,15 +54,8 @@ def cast(ball, view, x, y, n):
         gloss = np.maximum(np.sum(normal * unit(toward - rays), axis=-1), 0)[..., None]
         gloss = ball.highlight * gloss**ball.shininess
         light = light + ((1 - ball.ambient) * ball.color * facing + gloss) * lamp.color
-    blocks = (len(y), n, len(x), n)
     seen = inside > 0
-    light = (light * seen[..., None]).reshape(*blocks, 3).mean((1, 3))
-    return seen.reshape(blocks).mean((1, 3)), light
-
-
-def around(ball, pose):
-    x, y = (np.arange(-np.ceil(r) - 1, np.ceil(r) + 2) for r in ball.reach(pose))
-    return x + 0.31, y - 0.17
+    return means(seen, x, y, n), means(light * seen[..., None], x, y, n)
 
 
 @pytest.mark.parametrize("name", VIEWS)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.rendering.bodies import around, means, points_in
 
 from blurmatte.rendering.coverage import box_coverage, cell_edges
 from blurmatte.rendering.flat_bodies import Sheet
@@ -12,18 +13,11 @@ BLUE = np.array([0.1, 0.2, 0.7])
 SHEET = Sheet(13.3, 6.1, BLUE)
 
 
-def around(body, pose, shift=(0.31, -0.17)):
-    """Pixel centers, from the center of the body, that hold all of it."""
-    x, y = (np.arange(-np.ceil(r) - 1, np.ceil(r) + 2) for r in body.reach(pose))
-    return x + shift[0], y + shift[1]
-
-
 def counted(sheet, x, y, pose, n=100):
     """Share of n × n points of every pixel that the sheet covers."""
-    px, py = ((v[:, None] + (np.arange(n) + 0.5) / n - 0.5).ravel() for v in (x, y))
-    own = np.stack(np.meshgrid(px, py), axis=-1) @ np.linalg.inv(pose.plane).T
+    own = points_in(x, y, n) @ np.linalg.inv(pose.plane).T
     inside = np.all(np.abs(own) <= [sheet.width / 2, sheet.height / 2], axis=-1)
-    return inside.reshape(len(y), n, len(x), n).mean((1, 3))
+    return means(inside, x, y, n)
 
 
 POSES = {

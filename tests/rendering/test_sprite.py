@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import map_coordinates
+from tests.rendering.bodies import around, means, points_in
 
 from blurmatte.layer import Layer
 from blurmatte.rendering.flat_bodies import Sprite, sample_counts, star_sprite
@@ -31,16 +32,9 @@ POSES = {
 }
 
 
-def around(body, pose, shift=(0.31, -0.17)):
-    """Pixel centers, from the center of the body, that hold all of it."""
-    x, y = (np.arange(-np.ceil(r) - 1, np.ceil(r) + 2) for r in body.reach(pose))
-    return x + shift[0], y + shift[1]
-
-
 def counted(sprite, x, y, pose, n=40):
     """Coverage and light as means over n × n points of every pixel."""
-    px, py = ((v[:, None] + (np.arange(n) + 0.5) / n - 0.5).ravel() for v in (x, y))
-    own = np.stack(np.meshgrid(px, py), axis=-1) @ np.linalg.inv(pose.plane).T
+    own = points_in(x, y, n) @ np.linalg.inv(pose.plane).T
     width, height = sprite.layer.size
     at = [own[..., 1] + (height - 1) / 2, own[..., 0] + (width - 1) / 2]
     rgba = np.dstack([sprite.layer.premultiplied, sprite.layer.alpha])
@@ -48,8 +42,8 @@ def counted(sprite, x, y, pose, n=40):
     rgba = np.pad(rgba, [(2, 2), (2, 2), (0, 0)])
     shifted = [c + 2 for c in at]
     seen = np.dstack([map_coordinates(rgba[..., c], shifted, order=1) for c in range(4)])
-    means = seen.reshape(len(y), n, len(x), n, 4).mean((1, 3))
-    return means[..., 3], means[..., :3]
+    seen = means(seen, x, y, n)
+    return seen[..., 3], seen[..., :3]
 
 
 @pytest.mark.parametrize("name", POSES)
