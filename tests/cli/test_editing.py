@@ -349,10 +349,15 @@ def test_show_writes_or_opens_sheet(scene, tmp_path, monkeypatch, name):
     ],
 )
 def test_edit_refuses_in_one_line(scene, tmp_path, options, words):
+    check_refusal(scene, tmp_path, "edit", options, words)
+
+
+def check_refusal(scene, folder, command, options, words):
+    """A command on the layer has one line, which has these words, and leaves its output."""
     options = [scene / o if o.endswith(".png") else o for o in options]
-    out = tmp_path / "out.png"
+    out = folder / "out.png"
     out.write_bytes(b"precious")
-    assert words in complaint(run("edit", scene / "layer.exr", *options, "--out", out))
+    assert words in complaint(run(command, scene / "layer.exr", *options, "--out", out))
     assert out.read_bytes() == b"precious"
 
 
@@ -372,11 +377,7 @@ def test_edit_refuses_in_one_line(scene, tmp_path, options, words):
 )
 def test_compose_and_remove_refuse_in_one_line(scene, tmp_path, command, options, words):
     """Door."""
-    options = [scene / o if o.endswith(".png") else o for o in options]
-    out = tmp_path / "out.png"
-    out.write_bytes(b"precious")
-    assert words in complaint(run(command, scene / "layer.exr", *options, "--out", out))
-    assert out.read_bytes() == b"precious"
+    check_refusal(scene, tmp_path, command, options, words)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,21 @@ import numpy as np
 import pytest
 import tifffile
 
+from blurmatte.errors import FileError
+from blurmatte.files.reading import read
+
 D50 = (0.9642, 1.0, 0.8249)
 ADOBE = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))
+
+
+def refusal(path, *arguments, reader=read, **options):
+    """The one line with which a reader refuses a file, without its name."""
+    with pytest.raises(FileError) as caught:
+        reader(path, *arguments, **options)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    return message.removeprefix(f"{path}: ")
 
 
 def png_chunk(kind: bytes, data: bytes) -> bytes:

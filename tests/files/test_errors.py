@@ -3,12 +3,14 @@
 import io
 import struct
 import zlib
+from functools import partial
 
 import numpy as np
 import OpenEXR
 import pytest
 import tifffile
 from PIL import Image
+from tests.files import conftest
 
 from blurmatte.errors import FileError
 from blurmatte.files.reading import read, read_layer
@@ -18,13 +20,7 @@ from blurmatte.radiometry import SRGB
 EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
 
 
-def refusal(path, **options):
-    with pytest.raises(FileError) as caught:
-        read(path, transfer=SRGB, **options)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    assert "\n" not in message
-    return message.removeprefix(f"{path}: ")
+refusal = partial(conftest.refusal, transfer=SRGB)
 
 
 @pytest.fixture

@@ -11,10 +11,9 @@ import pillow_heif
 import pytest
 from PIL import Image
 from tests.commands import run
-from tests.files.conftest import para, profile_bytes, write_dng
+from tests.files.conftest import para, profile_bytes, refusal, write_dng
 
 from blurmatte import formats
-from blurmatte.errors import FileError
 from blurmatte.files.frames import read_frames
 from blurmatte.files.inplace import write_changed
 from blurmatte.files.reading import read
@@ -67,15 +66,6 @@ def clip(path, codes, **options):
                 file.mux(packet)
         for packet in stream.encode():
             file.mux(packet)
-
-
-def refusal(path, reader=read):
-    with pytest.raises(FileError) as caught:
-        reader(path)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    assert "\n" not in message
-    return message
 
 
 HEADS = {
@@ -181,7 +171,7 @@ def test_misnamed_clips_are_read(tmp_path, codes):
 def test_other_files_are_named_with_a_remedy(tmp_path, name, head, says):
     (tmp_path / name).write_bytes(head)
     assert says in refusal(tmp_path / name)
-    assert says in refusal(tmp_path / name, lambda path: list(read_frames(path)))
+    assert says in refusal(tmp_path / name, reader=lambda path: list(read_frames(path)))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="names that others do not allow")

@@ -9,6 +9,7 @@ import pytest
 import rawpy
 from numpy.testing import assert_allclose
 from tests.commands import run
+from tests.files.conftest import refusal
 from tests.scenes import on_line
 
 from blurmatte.calibration import fit_noise
@@ -404,15 +405,6 @@ def test_rejects_color_models_of_other_cameras(throw, tmp_path, ramp, make_png):
 
 
 # Doors
-
-
-def refusal(path, *arguments, **options):
-    with pytest.raises(FileError) as caught:
-        read(path, *arguments, **options)
-    message = str(caught.value)
-    assert message.startswith(f"{path}: ")
-    assert "\n" not in message
-    return message.removeprefix(f"{path}: ")
 
 
 @pytest.fixture

@@ -60,9 +60,11 @@ def assert_honest(trials):
 # Exact
 
 
-def test_exact_without_noise(rendering):
-    noiseless = (p.with_noise(NONE) for p in (rendering.image, rendering.plate))
-    maps = solve(*noiseless, rendering.model)
+@pytest.mark.parametrize("noise", [NONE, SENSOR], ids=["none", "declared"])
+def test_exact_for_any_declared_noise(rendering, noise):
+    """The weights only choose between consistent equations."""
+    declared = (p.with_noise(noise) for p in (rendering.image, rendering.plate))
+    maps = solve(*declared, rendering.model)
     clear = distinguishable(rendering)
     assert clear.mean() > 0.95
     assert_allclose(maps.alpha[clear], rendering.layer.alpha[clear], rtol=0, atol=1e-10)
@@ -70,18 +72,6 @@ def test_exact_without_noise(rendering):
         maps.premultiplied[clear], rendering.layer.premultiplied[clear], rtol=0, atol=1e-9
     )
     assert not (maps.quality[clear] & ~np.uint8(Quality.PLATE_IN_MODEL)).any()
-
-
-def test_exact_for_any_declared_noise(rendering):
-    """The weights only choose between consistent equations."""
-    maps = solve(
-        *(p.with_noise(SENSOR) for p in (rendering.image, rendering.plate)), rendering.model
-    )
-    clear = distinguishable(rendering)
-    assert_allclose(maps.alpha[clear], rendering.layer.alpha[clear], rtol=0, atol=1e-10)
-    assert_allclose(
-        maps.premultiplied[clear], rendering.layer.premultiplied[clear], rtol=0, atol=1e-9
-    )
 
 
 def test_layer_over_plate_is_the_image(rendering):
