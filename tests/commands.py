@@ -2,9 +2,20 @@
 
 from inspect import signature
 
+import typer
 from typer.testing import CliRunner
 
 from blurmatte.cli import app
+
+
+def commands(group=None, before=""):
+    """Every command by its words: `solve`, or two for a group of commands."""
+    for name, command in (group or typer.main.get_command(app)).commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{before}{name} ")
+        else:
+            yield before + name, command
+
 
 # click before 8.2 mixes stdout and stderr unless it is asked not to.
 _SEPARATE = {"mix_stderr": False} if "mix_stderr" in signature(CliRunner).parameters else {}

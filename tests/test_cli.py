@@ -19,7 +19,7 @@ import pytest
 from benchmarks.rendered import add_noise
 from PIL import Image
 from tests.commands import complaint, good, run
-from tests.scenes import rendered
+from tests.scenes import on_line
 from tests.scenes.texts import BALL
 
 import blurmatte as bm
@@ -49,8 +49,7 @@ def scene(tmp_path_factory):
 def pictures_of_ball(folder, size, start, end, radius, tile):
     """The folder, with image, plate and mask of an orange ball that moves straight."""
     body = bm.rendering.Ball(radius, (0.9, 0.45, 0.05), ambient=0.6)
-    path, plate = bm.Trajectory.line(start, end), colorful_plate(size, rng=2, tile=tile)
-    truth = rendered(bm.rendering.Scene(plate, path, body))
+    truth = on_line(colorful_plate(size, rng=2, tile=tile), start, end, body)
     rng = np.random.default_rng(5)
     for name, picture in (("image", truth.image), ("plate", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
@@ -698,11 +697,8 @@ def test_rejects_pictures_of_one_pixel(tmp_path):
 
 
 def test_warns_of_swapped_pictures(tmp_path):
-    path, body = (
-        bm.Trajectory.line((44, 34), (84, 40)),
-        bm.rendering.Ball(14, (0.9, 0.45, 0.05)),
-    )
-    truth = rendered(bm.rendering.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body))
+    body = bm.rendering.Ball(14, (0.9, 0.45, 0.05))
+    truth = on_line(colorful_plate((128, 80), rng=2, tile=3), (44, 34), (84, 40), body)
     rng = np.random.default_rng(0)
     for name, picture in (("plate", truth.image), ("image", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 from PIL import Image
+from tests.commands import commands
 
 import blurmatte as bm
 from blurmatte.cli import app
@@ -26,16 +27,7 @@ CLI = TEXTS["docs/cli.md"]
 GROUP = typer.main.get_command(app)
 
 
-def commands(group, before=""):
-    """Every command by its words: `solve`, or two for a group of commands."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, f"{before}{name} ")
-        else:
-            yield before + name, command
-
-
-COMMANDS = dict(commands(GROUP))
+COMMANDS = dict(commands())
 OPTIONS = {name for parameter in GROUP.params for name in parameter.opts}
 
 

@@ -27,11 +27,16 @@ NAMES = [
 ]
 
 
+def truth_of(color):
+    """A ball before tiles."""
+    plate = colorful_plate((96, 64), rng=2, tile=20)
+    return on_line(plate, (30, 30), (60, 36), bm.rendering.Ball(9, color))
+
+
 @pytest.fixture(scope="module")
 def solved():
     """An image with one clipped pixel in the streak, its plate, and its solution."""
-    body = bm.rendering.Ball(9, (0.9, 0.45, 0.05))
-    truth = on_line(colorful_plate((96, 64), rng=2, tile=20), (30, 30), (60, 36), body)
+    truth = truth_of((0.9, 0.45, 0.05))
     image, plate = noisy(truth, NOISE, 1)
     image.valid[33, 45] = False
     streak = bm.streaks.Streak(truth.layer.alpha > 0)
@@ -99,9 +104,7 @@ def test_an_object_has_one_color_in_text_sheet_report_and_tables(tmp_path, monke
     monkeypatch.setattr(Canvas, "text", lambda self, x, y, w, text, *_: drawn.append(text) or 20)
     model = bm.ColorModel.from_hex(*axes)
     light = np.array([0.8, 0.8, 0.7]) if model.rank == 2 else 0.3 * model.rgb[0]
-    truth = on_line(
-        colorful_plate((96, 64), rng=2, tile=20), (30, 30), (60, 36), bm.rendering.Ball(9, light)
-    )
+    truth = truth_of(light)
     images = [replace(p, noise=NOISE) for p in (truth.image, truth.plate)]
     solution = bm.solve(
         *images, model, bm.Smooth(), streak=bm.streaks.Streak(truth.layer.alpha > 0)

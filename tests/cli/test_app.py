@@ -7,8 +7,7 @@ import sys
 
 import numpy as np
 import pytest
-import typer
-from tests.commands import runner
+from tests.commands import commands, runner
 from tests.scenes import on_line
 
 import blurmatte as bm
@@ -22,15 +21,7 @@ SCREEN, COLUMNS = 45, 80
 FAST = ("--solver", "pixelwise", "--transfer", "srgb")
 
 
-def commands(group, before=()):
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, (*before, name))
-        else:
-            yield (*before, name), command
-
-
-COMMANDS = dict(commands(typer.main.get_command(app)))
+COMMANDS = {tuple(words.split()): command for words, command in commands()}
 
 
 def run(*arguments, width=100):

@@ -6,6 +6,7 @@ import json
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from tests.files.conftest import refusal
 
 import blurmatte as bm
 from blurmatte.calibration import NoiseFit
@@ -88,13 +89,10 @@ def test_file_is_readable_json(tmp_path):
     ],
 )
 def test_other_content_is_rejected(tmp_path, content, says):
-    path = tmp_path / "m.json"
-    path.write_bytes(content)
-    with pytest.raises(FileError) as caught:
-        read_color_model(path)
-    assert str(caught.value).startswith(f"{path}: give a file that blurmatte wrote")
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
+    (tmp_path / "a.json").write_bytes(content)
+    said = refusal(tmp_path / "a.json", reader=read_color_model)
+    assert said.startswith("give a file that blurmatte wrote")
+    assert says in said
 
 
 def test_missing_model_and_folder(tmp_path):
@@ -310,15 +308,10 @@ def test_every_field_of_a_response_fit_is_written(tmp_path):
 )
 def test_another_curve_is_rejected(tmp_path, content, says):
     """Door: one line that begins with the file."""
-    path = tmp_path / "c.json"
-    path.write_bytes(content)
-    with pytest.raises(bm.errors.FileError) as caught:
-        bm.read_transfer(path)
-    assert str(caught.value).startswith(
-        f"{path}: give a file that blurmatte calibrate response wrote"
-    )
-    assert says in str(caught.value)
-    assert "\n" not in str(caught.value)
+    (tmp_path / "a.json").write_bytes(content)
+    said = refusal(tmp_path / "a.json", reader=bm.read_transfer)
+    assert said.startswith("give a file that blurmatte calibrate response wrote")
+    assert says in said
 
 
 def test_curves_and_color_models_are_distinguished(tmp_path):

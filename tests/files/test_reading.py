@@ -126,11 +126,15 @@ def test_pixels_that_are_not_square_are_refused(tmp_path, ramp, name, unit, x, y
         read(tmp_path / name)
 
 
+GAIN_MAP = (
+    b'<rdf:Description xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" hdrgm:Version="1.0"/>'
+)
+
+
 def test_bytes_between_segments_of_a_jpeg_with_a_gain_map_are_an_error(tmp_path, ramp, capfd):
     """Door: one clear message, and nothing that a library prints."""
-    path, space = tmp_path / "a.jpg", b"http://ns.adobe.com/hdr-gain-map/1.0/"
-    xmp = b'<rdf:Description xmlns:hdrgm="' + space + b'" hdrgm:Version="1.0"/>'
-    Image.fromarray(ramp).save(path, xmp=xmp)
+    path = tmp_path / "a.jpg"
+    Image.fromarray(ramp).save(path, xmp=GAIN_MAP)
     read(path, transfer=SRGB)
     data = path.read_bytes()
     at = data.index(b"\xff\xdb")  # of the first quantization table
@@ -142,9 +146,8 @@ def test_bytes_between_segments_of_a_jpeg_with_a_gain_map_are_an_error(tmp_path,
 
 def test_a_marker_within_the_body_of_a_jpeg_with_a_gain_map_is_an_error(tmp_path, ramp, capfd):
     """Door: one clear message, and nothing that a library prints."""
-    path, space = tmp_path / "a.jpg", b"http://ns.adobe.com/hdr-gain-map/1.0/"
-    xmp = b'<rdf:Description xmlns:hdrgm="' + space + b'" hdrgm:Version="1.0"/>'
-    Image.fromarray(np.resize(ramp, (30, 40, 3))).save(path, xmp=xmp)
+    path = tmp_path / "a.jpg"
+    Image.fromarray(np.resize(ramp, (30, 40, 3))).save(path, xmp=GAIN_MAP)
     data = path.read_bytes()
     path.write_bytes(data[:-60] + b"\xff\xe0" + data[-58:])
     with pytest.raises(FileError, match="the JPEG is damaged or truncated"):

@@ -78,24 +78,24 @@ def test_pictures_equal_the_photographs(tmp_path, bits):
     assert (read(tmp_path / "image.png").meta.levels == 256) == (bits == 8)
 
 
-def test_image_is_composed_with_the_written_shadow(tmp_path):
-    scene = replace(SCENE, shadow=Shadow((12, 9), 2))
-    save_shot(tmp_path, Shot(scene, Camera(bits=None)))
-    truth, dark = read_truth(tmp_path), read(tmp_path / "truth" / "shadow.exr").rgb
-    rest = 1 - truth.layer.alpha[..., None] - dark
-    image = read(tmp_path / "image.exr").rgb
+def check_composed(folder, scene, *names):
+    """The image is the plate without what these files have of it, and the layer; returns these."""
+    save_shot(folder, Shot(scene, Camera(bits=None)))
+    truth, lost = read_truth(folder), [read(folder / f"truth/{name}.exr").rgb for name in names]
+    rest = 1 - truth.layer.alpha[..., None] - sum(lost)
+    image = read(folder / "image.exr").rgb
     assert_allclose(image, truth.layer.premultiplied + rest * truth.plate.rgb, atol=1e-6)
+    return lost
+
+
+def test_image_is_composed_with_the_written_shadow(tmp_path):
+    check_composed(tmp_path, replace(SCENE, shadow=Shadow((12, 9), 2)), "shadow")
 
 
 def test_image_is_composed_with_the_written_light(tmp_path):
     scene = replace(SCENE, nearby=Nearby(0.05, 0.02, 1.5), shadow=Shadow((12, 9), 2))
-    save_shot(tmp_path, Shot(scene, Camera(bits=None)))
-    truth = read_truth(tmp_path)
-    dark, near = (read(tmp_path / "truth" / f"{name}.exr").rgb for name in ("shadow", "nearby"))
+    _, near = check_composed(tmp_path, scene, "shadow", "nearby")
     assert near.max() > 0.01
-    rest = 1 - truth.layer.alpha[..., None] - dark - near
-    image = read(tmp_path / "image.exr").rgb
-    assert_allclose(image, truth.layer.premultiplied + rest * truth.plate.rgb, atol=1e-6)
 
 
 def test_truth_is_blurred_by_the_optics(tmp_path):

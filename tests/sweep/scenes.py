@@ -98,6 +98,25 @@ def alpha_error(alpha, truth):
     return float(np.sqrt(np.mean((alpha - truth)[truth > 0] ** 2)))
 
 
+def error(state, scene):
+    """The same of a fitted shape."""
+    return alpha_error(state.swept.alpha, within(state.observation, rendered(scene).layer.alpha))
+
+
+def wrong_derivatives(silhouette, path, shape, pixels, step=1e-4):
+    """Errors of the derivatives of alpha on an arc, each relative to that of small steps."""
+    n, everything = len(path), np.concatenate([path, shape])
+    J = silhouette.sweep(ARC, path, shape, pixels).by_parameters
+    assert J.shape == (*pixels.shape, n + silhouette.size) == (*pixels.shape, len(everything))
+    for i, along in enumerate(step * np.eye(len(everything))):
+        there, back = (
+            silhouette.sweep(ARC, p[:n], p[n:], pixels).alpha
+            for p in (everything + along, everything - along)
+        )
+        slope = (there - back) / (2 * step)
+        yield np.linalg.norm(J[..., i] - slope) / np.linalg.norm(slope)
+
+
 def path_error(curve, family):
     """The largest distance of points (65, 2) from the true path, in the better direction of time."""
     true = family.at(PATHS[family], TIMES)[0]

@@ -81,19 +81,24 @@ def test_an_error_of_the_time_moves_the_path_of_a_frame_along_itself():
     assert np.sqrt(np.trace((late - sure)[2:4, 2:4])) == pytest.approx(by_time, rel=1e-2)
 
 
+def rms_of_predictions(path, count, seeds):
+    """Root mean square of the errors of predictions from the other frames, standard deviations."""
+    z2 = []
+    for seed in seeds:
+        found = ClipPath.of(rows_of(path, count, np.random.default_rng(seed)))
+        for k in range(count):
+            prior = found.prior(k)
+            error = (prior.points - ends_of(k, path)).ravel()
+            z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
+    return np.sqrt(np.mean(z2))
+
+
 @pytest.mark.parametrize("path", [fall, circle, bounce])
 def test_errors_of_predictions_are_conservative(path):
     """Honest: of ends and middle, each frame from the others. The path may be less smooth than these,
     and errors have a Student distribution: they are about 0.7 of those stated.
     """
-    z2 = []
-    for seed in range(4):
-        found = ClipPath.of(rows_of(path, rng=np.random.default_rng(seed)))
-        for k in range(24):
-            prior = found.prior(k)
-            error = (prior.points - ends_of(k, path)).ravel()
-            z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
-    assert 0.55 < np.sqrt(np.mean(z2)) < 0.9
+    assert 0.55 < rms_of_predictions(path, 24, range(4)) < 0.9
 
 
 def test_frames_determine_the_exposure():
@@ -166,14 +171,7 @@ def test_a_mistake_predicts_nothing_and_is_predicted():
 @pytest.mark.parametrize("count", [3, 4, 6])
 def test_errors_are_conservative_if_few_frames_show_the_object(count):
     """Honest: each from two others or more."""
-    z2 = []
-    for seed in range(8):
-        found = ClipPath.of(rows_of(fall, count, np.random.default_rng(seed)))
-        for k in range(count):
-            prior = found.prior(k)
-            error = (prior.points - ends_of(k, fall)).ravel()
-            z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
-    assert 0.55 < np.sqrt(np.mean(z2)) < 1
+    assert 0.55 < rms_of_predictions(fall, count, range(8)) < 1
 
 
 def test_tracks_have_curves_of_their_own():

@@ -16,11 +16,9 @@ from tests.sweep.scenes import (
     TILES,
     WALL,
     along,
-    alpha_error,
     disc_at,
+    error,
     observed,
-    rendered,
-    within,
 )
 
 from blurmatte.rendering import Ball, Scene
@@ -38,10 +36,6 @@ CURVED = Scene(TILES, along(CUBIC), Ball(10, GREEN, ambient=1.0), Change(scale=(
 def disc_of(scene, family, seed=0):
     """The disc that fits best near the true path."""
     return minimize(disc_at(observed(scene, seed, color=ONE_PAINT), family), BOUNDS)
-
-
-def error(state, scene):
-    return alpha_error(state.swept.alpha, within(state.observation, rendered(scene).layer.alpha))
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,9 @@ from tests.sweep.scenes import (
     TILES,
     WALL,
     along,
-    alpha_error,
     disc_at,
+    error,
     observed,
-    rendered,
-    within,
 )
 
 from blurmatte.rendering import Ball, Scene
@@ -58,10 +56,6 @@ def disc_of(scene, seed=0):
 @cache
 def outline_of(scene):
     return fit_outline(disc_of(scene))
-
-
-def error(state, scene):
-    return alpha_error(state.swept.alpha, within(state.observation, rendered(scene).layer.alpha))
 
 
 @pytest.mark.diagonal

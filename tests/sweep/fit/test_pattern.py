@@ -130,6 +130,12 @@ def test_errors_of_a_pattern_explain_the_scatter():
     assert 0.8 < np.sqrt(np.mean(np.square(z))) < 1.25
 
 
+def in_eight_bits(values, rng):
+    """The picture that a file has of encoded light (h, w) or (h, w, 3), with noise of one code."""
+    codes = np.rint(np.clip(255 * values + rng.normal(0, 1, values.shape), 0, 255)).astype(np.uint8)
+    return decode(codes if codes.ndim == 3 else np.repeat(codes[..., None], 3, axis=2), SRGB)
+
+
 def before_wall(seed):
     """Gray image and plate of 8 bits, and path and radius, of a ball in the light of a lamp aside."""
     rng = np.random.default_rng(seed)
@@ -142,11 +148,7 @@ def before_wall(seed):
     gloss = rng.choice([0.0, 0.3])
     ball = Ball(radius, paint, ambient=0.4, lamps=(lamp,), highlight=gloss)
     light = on_line(wall, middle - half, middle + half, ball, 64).image.rgb
-    pictures = []
-    for exact in (light, wall):
-        codes = 255 * SRGB.encode(exact[..., 1]) + rng.normal(0, 1, exact.shape[:2])
-        codes = np.rint(np.clip(codes, 0, 255)).astype(np.uint8)
-        pictures.append(decode(np.repeat(codes[..., None], 3, axis=2), SRGB))
+    pictures = (in_eight_bits(SRGB.encode(exact[..., 1]), rng) for exact in (light, wall))
     return with_noise(*pictures), np.array([*middle, 2 * np.hypot(*half), radius])
 
 
@@ -161,10 +163,7 @@ def glossy_before_wall(seed):
     paint = rng.permutation([0.7, 0.3, 0.1])
     ball = Ball(radius, paint, ambient=0.4, lamps=(lamp,), highlight=0.5)
     light = on_line(wall, middle - half, middle + half, ball, 64).image.rgb
-    pictures = []
-    for exact in (light, wall):
-        codes = 255 * SRGB.encode(exact) + rng.normal(0, 1, exact.shape)
-        pictures.append(decode(np.rint(np.clip(codes, 0, 255)).astype(np.uint8), SRGB))
+    pictures = (in_eight_bits(SRGB.encode(exact), rng) for exact in (light, wall))
     return with_noise(*pictures), np.array([*middle, radius])
 
 
@@ -203,11 +202,8 @@ def test_a_band_of_another_paint_does_not_move_the_rim():
     half = rng.uniform(0.5, 1) * radius * np.array([1.0, rng.uniform(-0.5, 0.5)])
     dark, light = np.full(3, 0.1), np.full(3, 0.9)
     ball = Ball(radius, dark, second_color=light, band=0.4, axis=tuple(rng.normal(size=3)))
-    pictures = []
-    for exact in (on_line(texture, middle - half, middle + half, ball, 64).image.rgb, texture):
-        codes = 255 * SRGB.encode(exact[..., 1]) + rng.normal(0, 1, exact.shape[:2])
-        codes = np.rint(np.clip(codes, 0, 255)).astype(np.uint8)
-        pictures.append(decode(np.repeat(codes[..., None], 3, axis=2), SRGB))
+    moved = on_line(texture, middle - half, middle + half, ball, 64).image.rgb
+    pictures = (in_eight_bits(SRGB.encode(exact[..., 1]), rng) for exact in (moved, texture))
     image, plate = with_noise(*pictures)
     motion = motion_of_sweep(fit_disc(image, plate, require_streaks(image, plate)[0]), None)
     off = np.array([*motion.center, motion.radius]) - [*middle, radius]
