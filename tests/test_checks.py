@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from PIL import Image
-from tests.scenes import rendered
+from tests.scenes import SMALL_BALL, rendered
 
 import blurmatte as bm
 from blurmatte.checks import (
@@ -22,7 +22,7 @@ from blurmatte.checks import (
     rows_columns,
 )
 from blurmatte.metrics import alpha_rmse
-from blurmatte.rendering import Ball, Scene, colorful_plate
+from blurmatte.rendering import Ball, Scene
 from blurmatte.trajectory import Trajectory
 
 
@@ -332,11 +332,10 @@ def test_an_array_is_written_as_what_it_shows(tmp_path):
 
 def test_solve_takes_big_endian_and_read_only_arrays():
     """exact: the same answer as of native arrays."""
-    plate = colorful_plate((64, 48), rng=1, tile=9)
-    scene = Scene(plate, Trajectory.line((18, 20), (44, 26)), Ball(6, (0.9, 0.5, 0.05)))
+    truth = rendered(SMALL_BALL)
     noisy = [
         x + np.random.default_rng(k).normal(0, 1e-3, x.shape)
-        for k, x in enumerate((rendered(scene).image.rgb, plate))
+        for k, x in enumerate((truth.image.rgb, truth.plate.rgb))
     ]
     model = bm.ColorModel.from_hex("#f3be40")
     native, big = (

@@ -8,14 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from tests.scenes import rendered
+from tests.scenes import SMALL_BALL, rendered
 
 import blurmatte as bm
 from blurmatte.clips.table import FrameRecord
 from blurmatte.napari import get_reader
-from blurmatte.rendering import Ball, Scene, colorful_plate
 from blurmatte.sweep.fit_sweep import fit_disc
-from blurmatte.trajectory import Trajectory
 
 SOURCE = Path(bm.__file__).parent
 
@@ -23,12 +21,10 @@ SOURCE = Path(bm.__file__).parent
 @pytest.fixture(scope="module")
 def solved():
     """A solution with a sweep."""
-    plate = colorful_plate((64, 48), rng=1, tile=9)
-    path = Trajectory.line((18, 20), (44, 26))
-    scene = Scene(plate, path, Ball(6, (0.9, 0.5, 0.05)))
-    noise = bm.NoiseModel(0, 1e-3)
-    lights = rendered(scene).image.rgb, plate
-    image, plate = (bm.LinearImage(light.astype(np.float32), noise) for light in lights)
+    truth, noise = rendered(SMALL_BALL), bm.NoiseModel(0, 1e-3)
+    image, plate = (
+        bm.LinearImage(light.rgb.astype(np.float32), noise) for light in (truth.image, truth.plate)
+    )
     model = bm.ColorModel.from_hex("#f3be40")
     (streak,) = bm.find_streaks(image, plate)
     solution = bm.solve(image, plate, model, bm.Pixelwise(), streak=streak)

@@ -1,6 +1,5 @@
 """The files of a release: the page of the package, the manual page, and the bytes of the wheel."""
 
-import importlib.util
 import os
 import re
 import subprocess
@@ -8,6 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from tests.scripts import loaded
 
 import blurmatte as bm
 
@@ -15,14 +15,6 @@ ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 ADDRESS = "https://example.org/someone/blurmatte"
 LINKS = re.compile(r"\]\(([^)]+)\)")
-
-
-def loaded(path):
-    """A module that is no part of the package."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def test_page_of_the_package_has_absolute_links_and_picture():

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import run
+from tests.encoders import encoder
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
@@ -163,16 +164,12 @@ def test_fall_example_runs(pictures, monkeypatch, capsys):
 
 def save_clip(path, lights):
     """A lossless clip, tagged as sRGB, with noise of one code value."""
-    av, rng = pytest.importorskip("av"), np.random.default_rng(3)
-    with av.open(path, "w") as clip:
-        stream = clip.add_stream("libx264rgb", rate=25, options={"qp": "0"})
-        stream.height, stream.width, stream.pix_fmt = *lights[0].shape[:2], "rgb24"
+    rng, size = np.random.default_rng(3), lights[0].shape[1::-1]
+    with encoder(path, "libx264rgb", size, "rgb24", options={"qp": "0"}) as (stream, add):
         stream.codec_context.color_trc = 13
         for light in lights:
             codes = 255 * bm.SRGB.encode(light) + rng.normal(size=light.shape)
-            codes = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
-            clip.mux(stream.encode(av.VideoFrame.from_ndarray(codes, format="rgb24")))
-        clip.mux(stream.encode())
+            add(np.clip(np.rint(codes), 0, 255).astype(np.uint8))
 
 
 def test_first_command_solves_the_example(tmp_path, monkeypatch):

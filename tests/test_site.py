@@ -1,6 +1,5 @@
 """The site has every document, its tables are those of docs/results, and it can be built."""
 
-import importlib.util
 import os
 import re
 import shutil
@@ -9,22 +8,15 @@ import sys
 from pathlib import Path, PurePosixPath
 
 import pytest
+from tests.scripts import loaded
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 
 
-def module(path):
-    """A script that is no module of the package."""
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
-
-
-project_pages = module(DOCS / "_site" / "project_pages.py")
-check_site = module(ROOT / "scripts" / "check_site.py")
-make_docs = module(ROOT / "scripts" / "make_docs.py")
+project_pages = loaded(DOCS / "_site" / "project_pages.py")
+check_site = loaded(ROOT / "scripts" / "check_site.py")
+make_docs = loaded(ROOT / "scripts" / "make_docs.py")
 
 
 def children(name):

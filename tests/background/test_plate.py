@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy
 from numpy.testing import assert_allclose
+from tests.encoders import encoder
 
 from blurmatte.background.plate import make_plate
 from blurmatte.errors import PlateError
@@ -134,17 +135,12 @@ def test_quarter_of_free_frames_suffices_against_changing_light(scene):
 
 def coded(path, lights, crf):
     """A clip of H.264: noise of a code value and rounding, then quantization."""
-    av = pytest.importorskip("av")
     rng = np.random.default_rng(0)
-    with av.open(str(path), "w") as target:
-        stream = target.add_stream("libx264", rate=25, options={"crf": str(crf), "threads": "1"})
-        stream.height, stream.width = lights[0].shape[:2]
-        stream.pix_fmt = "yuv420p"
+    options = {"crf": str(crf), "threads": "1"}
+    with encoder(path, "libx264", lights[0].shape[1::-1], options=options) as (_, add):
         for light in lights:
             codes = 255 * SRGB.encode(light) + rng.normal(0, 1, light.shape)
-            codes = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
-            target.mux(stream.encode(av.VideoFrame.from_ndarray(codes, format="rgb24")))
-        target.mux(stream.encode())
+            add(np.clip(np.rint(codes), 0, 255).astype(np.uint8))
     return read_frames(path, SRGB)
 
 

@@ -8,14 +8,13 @@ import sys
 import numpy as np
 import pytest
 from tests.commands import commands, runner
-from tests.scenes import on_line
+from tests.scenes import BALL, ball_in, rendered
 
 import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.console import STAGES, ExitCode, in_options
 from blurmatte.files.png import png_chunks, save_chunks
 from blurmatte.radiometry.transfer import log_curve
-from blurmatte.rendering import colorful_plate
 
 SCREEN, COLUMNS = 45, 80
 FAST = ("--solver", "pixelwise", "--transfer", "srgb")
@@ -34,13 +33,8 @@ def run(*arguments, width=100):
 def folder(tmp_path_factory):
     """Image and plate of a ball, and its layer with its solution."""
     folder = tmp_path_factory.mktemp("app")
-    truth = on_line(colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), bm.rendering.Ball(9))
-    image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(
-        truth
-    )
-    bm.write(folder / "image.png", image)
-    bm.write(folder / "plate.png", plate)
-    bm.write(folder / "layer.exr", bm.solve(image, plate, truth.model, bm.Pixelwise()))
+    solution = bm.solve(*ball_in(folder), rendered(BALL).model, bm.Pixelwise())
+    bm.write(folder / "layer.exr", solution)
     return folder
 
 

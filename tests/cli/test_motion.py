@@ -8,28 +8,18 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import complaint, run
-from tests.scenes import on_line
+from tests.scenes import BALL, ball_in
 
 import blurmatte as bm
-from blurmatte.rendering import colorful_plate
 
-LENGTH, RADIUS = np.hypot(44, 14), 9
+LENGTH, RADIUS = np.hypot(44, 14), BALL.body.radius
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     """A solved picture of a ball."""
     folder = tmp_path_factory.mktemp("measured")
-    truth = on_line(
-        colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), bm.rendering.Ball(RADIUS)
-    )
-    image, plate = bm.rendering.Shot(truth.scene, bm.rendering.Camera(code_std=1 / 255)).photograph(
-        truth
-    )
-    solution = bm.solve(image, plate)
-    bm.write(folder / "layer.exr", solution)
-    bm.write(folder / "image.png", image)
-    bm.write(folder / "plate.png", plate)
+    bm.write(folder / "layer.exr", bm.solve(*ball_in(folder)))
     return folder
 
 

@@ -8,7 +8,7 @@ import time
 
 import pytest
 from tests.commands import run
-from tests.scenes import on_line
+from tests.scenes import ball_in, on_line
 
 import blurmatte as bm
 from blurmatte.cli.app import run_line
@@ -91,10 +91,7 @@ async def ended(job):
 
 @pytest.mark.battery
 def test_files_of_a_job_have_the_bytes_of_the_line_that_is_shown(tmp_path):
-    truth = on_line(colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), Ball(9))
-    image, plate = Shot(truth.scene, Camera(code_std=1 / 255)).photograph(truth)
-    bm.write(tmp_path / "image.png", image)
-    bm.write(tmp_path / "plate [1].png", plate)
+    ball_in(tmp_path, plate="plate [1].png")
 
     async def solve(session):
         files = [await dropped(session, tmp_path / n) for n in ("image.png", "plate [1].png")]

@@ -4,24 +4,20 @@ import numpy as np
 import pytest
 from PIL import Image
 from tests.commands import complaint, run
+from tests.encoders import encoder
 
 import blurmatte as bm
 from blurmatte.rendering import colorful_plate
 
-av = pytest.importorskip("av")
+pytest.importorskip("av")
 
 
 def save_clip(path, lights):
     """A lossless clip, 10 frames a second, tagged as sRGB."""
-    with av.open(str(path), "w") as clip:
-        stream = clip.add_stream("ffv1", rate=10)
-        stream.height, stream.width = lights[0].shape[:2]
-        stream.pix_fmt = "bgr0"
+    with encoder(path, "ffv1", lights[0].shape[1::-1], "bgr0", rate=10) as (stream, add):
         stream.codec_context.color_trc = 13
         for light in lights:
-            codes = np.rint(255 * bm.SRGB.encode(np.clip(light, 0, 1))).astype(np.uint8)
-            clip.mux(stream.encode(av.VideoFrame.from_ndarray(codes, format="rgb24")))
-        clip.mux(stream.encode())
+            add(np.rint(255 * bm.SRGB.encode(np.clip(light, 0, 1))).astype(np.uint8))
     return path
 
 

@@ -3,6 +3,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from tests.encoders import encoder
 
 from blurmatte.checks import DIRECTIONS
 from blurmatte.errors import BlurmatteWarning, FileError
@@ -117,14 +118,11 @@ def sited(codes, siting, pixels="yuv420p"):
 
 
 def save(path, codes, siting):
-    with av.open(str(path), "w") as clip:
-        stream = clip.add_stream("libx264", rate=25, options={"qp": "4"})
-        stream.width, stream.height, stream.pix_fmt = 256, 192, "yuv420p"
+    with encoder(path, "libx264", (256, 192), options={"qp": "4"}) as (stream, add):
         context = stream.codec_context
         context.color_trc = context.color_primaries = context.colorspace = context.color_range = 1
         for _ in range(3):
-            clip.mux(stream.encode(sited(codes, siting)))
-        clip.mux(stream.encode())
+            add(sited(codes, siting))
     return path
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.encoders import encoder
 
 import blurmatte as bm
 from blurmatte.calibration import with_noise
@@ -11,15 +12,11 @@ SIZE = (64, 48)
 
 def clip(path, codec, options, count=4):
     """A still scene of white noise, coded by a codec with some options."""
-    av = pytest.importorskip("av")
     rng = np.random.default_rng(0)
     picture = rng.integers(0, 256, (SIZE[1], SIZE[0], 3), np.uint8)
-    with av.open(str(path), "w") as target:
-        stream = target.add_stream(codec, rate=25, options=options)
-        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
+    with encoder(path, codec, SIZE, options=options) as (_, add):
         for _ in range(count):
-            target.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        target.mux(stream.encode())
+            add(picture)
     return bm.read_frames(path, bm.radiometry.REC709)
 
 

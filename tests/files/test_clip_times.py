@@ -3,6 +3,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.encoders import encoder
 
 from blurmatte.errors import BlurmatteWarning
 from blurmatte.files.frames import read_frames, read_layers
@@ -13,17 +14,15 @@ av = pytest.importorskip("av")
 
 def save_times(path, ticks, unit=Fraction(1, 15360), tags=(), codec="libx264", **options):
     """A clip with frames at these ticks, each brighter than the one before."""
-    with av.open(str(path), "w", options={"movflags": "use_metadata_tags"}) as clip:
-        clip.metadata.update(dict(tags))
-        stream = clip.add_stream(codec, rate=30, options=options)
-        stream.width, stream.height, stream.pix_fmt, stream.time_base = 32, 32, "yuv444p", unit
-        stream.codec_context.time_base = unit
+    of_file = {"movflags": "use_metadata_tags"}
+    with encoder(path, codec, (32, 32), "yuv444p", 30, options, of_file) as (stream, add):
+        stream.container.metadata.update(dict(tags))
+        stream.time_base = stream.codec_context.time_base = unit
         for k, tick in enumerate(ticks):
             code = np.full((32, 32, 3), 20 + 10 * k, np.uint8)
             frame = av.VideoFrame.from_ndarray(code).reformat(format="yuv444p")
             frame.pts, frame.time_base = tick, unit
-            clip.mux(stream.encode(frame))
-        clip.mux(stream.encode())
+            add(frame)
     return path
 
 
@@ -88,12 +87,9 @@ def test_cut_file_is_warned_of(tmp_path, name):
     path = tmp_path / name
     options = {"movflags": "faststart"} if name == "cut.mp4" else {}
     noise = np.random.default_rng(1).integers(0, 255, (20, 64, 64, 3), dtype=np.uint8)
-    with av.open(str(path), "w", options=options) as clip:
-        stream = clip.add_stream("libx264", rate=30, options={"bf": "0"})
-        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv444p"
+    with encoder(path, "libx264", (64, 64), "yuv444p", 30, {"bf": "0"}, options) as (_, add):
         for code in noise:
-            clip.mux(stream.encode(av.VideoFrame.from_ndarray(code).reformat(format="yuv444p")))
-        clip.mux(stream.encode())
+            add(av.VideoFrame.from_ndarray(code).reformat(format="yuv444p"))
     assert len(read_frames(path, REC709)) == 20
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
     with pytest.warns(BlurmatteWarning, match=r"ends after about \d+ of 20 frames"):
@@ -136,14 +132,11 @@ def test_alpha_of_vp9_is_read(tmp_path):
     alpha = np.zeros((64, 64), np.uint8)
     alpha[16:48, 16:48] = 200
     code = np.dstack([np.full((64, 64, 3), 120, np.uint8), alpha])
-    with av.open(str(path), "w") as clip:
-        stream = clip.add_stream("libvpx-vp9", rate=25, options={"crf": "10", "auto-alt-ref": "0"})
-        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuva420p"
+    options = {"crf": "10", "auto-alt-ref": "0"}
+    with encoder(path, "libvpx-vp9", (64, 64), "yuva420p", options=options) as (stream, add):
         stream.metadata["alpha_mode"] = "1"
         for _ in range(3):
-            frame = av.VideoFrame.from_ndarray(code, format="rgba").reformat(format="yuva420p")
-            clip.mux(stream.encode(frame))
-        clip.mux(stream.encode())
+            add(av.VideoFrame.from_ndarray(code, format="rgba").reformat(format="yuva420p"))
     layers = list(read_layers(path, REC709))
     assert len(layers) == 3
     assert_allclose(layers[1].alpha[20:44, 20:44], 200 / 255, atol=0.02)

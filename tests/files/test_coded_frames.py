@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tests.encoders import encoder
 
 import blurmatte as bm
 from blurmatte.radiometry.coded import coded_frames, in_codes_of
@@ -62,15 +63,10 @@ def test_clip_that_was_written_again_is_read_again(tmp_path):
 
 def with_keys_every(path, count, distance):
     """A clip whose key frames are so many frames apart."""
-    av = pytest.importorskip("av")
-    with av.open(str(path), "w") as target:
-        options = {"g": str(distance), "sc_threshold": "0"}
-        stream = target.add_stream("libx264", rate=25, options=options)
-        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+    options = {"g": str(distance), "sc_threshold": "0"}
+    with encoder(path, "libx264", (64, 48), options=options) as (_, add):
         for k in range(count):
-            picture = np.full((48, 64, 3), 40 + 2 * k, np.uint8)
-            target.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
-        target.mux(stream.encode())
+            add(np.full((48, 64, 3), 40 + 2 * k, np.uint8))
     return bm.read_frames(path, bm.radiometry.REC709)
 
 

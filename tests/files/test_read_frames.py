@@ -3,6 +3,7 @@ import sys
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.encoders import encoder
 
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.frames import read_frames, read_layers
@@ -28,12 +29,8 @@ def save_clip(
     """A lossless clip of code values with these tags (numbers of H.273), 25 frames a second."""
     from av.video.reformatter import ColorRange, Interpolation
 
-    with av.open(str(path), "w") as clip:
-        stream = clip.add_stream(codec, rate=25)
-        stream.height, stream.width = codes[0].shape[:2]
-        stream.pix_fmt = pixels
-        if codec == "libx264":
-            stream.options = {"qp": "0"}
+    options = {"qp": "0"} if codec == "libx264" else {}
+    with encoder(path, codec, codes[0].shape[1::-1], pixels, options=options) as (stream, add):
         context = stream.codec_context
         context.color_trc, context.color_primaries = curve, primaries
         if matrix is not None:
@@ -49,8 +46,7 @@ def save_clip(
                 dst_color_range=context.color_range if matrix is not None else None,
                 interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
             )
-            clip.mux(stream.encode(frame))
-        clip.mux(stream.encode())
+            add(frame)
     return path
 
 
@@ -114,15 +110,12 @@ def test_chroma_siting_follows_the_standards(tmp_path, codec, pixels, at):
         ramp = np.linspace(60, 190, size // step)
         frame = red_ramp(pixels, ramp[:, None] if axis else ramp)
         path = tmp_path / f"{axis}.mkv"
-        with av.open(str(path), "w") as clip:
-            options = {"libx264": {"qp": "0"}, "mjpeg": {"qmin": "1", "qmax": "1"}}
-            stream = clip.add_stream(codec, rate=25, options=options.get(codec, {}))
-            stream.width, stream.height, stream.pix_fmt = 96, 64, pixels
+        options = {"libx264": {"qp": "0"}, "mjpeg": {"qmin": "1", "qmax": "1"}}.get(codec)
+        with encoder(path, codec, (96, 64), pixels, options=options) as (stream, add):
             context = stream.codec_context
             context.color_trc = context.color_primaries = 1
             context.color_range = 2 if codec == "mjpeg" else 1
-            clip.mux(stream.encode(frame))
-            clip.mux(stream.encode())
+            add(frame)
         light = read_frames(path, REC709)[0].rgb[..., 0]
         red = 255 * REC709.encode(light).mean(axis=axis)
         gray, gain = (128, 1.402) if codec == "mjpeg" else (112 * 255 / 219, 1.402 * 255 / 224)
@@ -150,14 +143,11 @@ def test_ten_bits_stay_ten_bits(tmp_path, full):
     frame = av.VideoFrame(96, 64, "yuv444p10le")
     for plane, codes in zip(frame.planes, (luma, *[np.full_like(luma, 512)] * 2), strict=True):
         np.frombuffer(plane, np.uint16).reshape(64, -1)[:, :96] = codes
-    with av.open(str(tmp_path / "a.mkv"), "w") as clip:
-        stream = clip.add_stream("ffv1", rate=25)
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv444p10le"
+    with encoder(tmp_path / "a.mkv", "ffv1", (96, 64), "yuv444p10le") as (stream, add):
         context = stream.codec_context
         context.color_trc = context.color_primaries = context.colorspace = 1
         context.color_range = 2 if full else 1
-        clip.mux(stream.encode(frame))
-        clip.mux(stream.encode())
+        add(frame)
     frame = read_frames(tmp_path / "a.mkv")[0]
     assert_allclose(REC709.encode(frame.rgb), gray[..., None].repeat(3, axis=2), atol=1 / 1023)
     assert len(np.unique(frame.rgb[8:, :, 1])) > 90  # of 96; 8 bits have fewer
@@ -324,12 +314,10 @@ def test_empty_source_is_rejected(tmp_path):
 def test_interlaced_clip_is_rejected(tmp_path, order):
     # door
     path = tmp_path / "a.mp4"
-    with av.open(str(path), "w") as clip:
-        stream = clip.add_stream("libx264", rate=25, options={"x264-params": f"{order}=1"})
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv444p"
+    options = {"x264-params": f"{order}=1"}
+    with encoder(path, "libx264", (96, 64), "yuv444p", options=options) as (_, add):
         for code in pictures():
-            clip.mux(stream.encode(av.VideoFrame.from_ndarray(code).reformat(format="yuv444p")))
-        clip.mux(stream.encode())
+            add(av.VideoFrame.from_ndarray(code).reformat(format="yuv444p"))
     with pytest.raises(FileError, match=r"a\.mp4: deinterlace it .* two fields"):
         read_frames(path, REC709)
 
@@ -347,12 +335,9 @@ def test_clip_of_unknown_codec_and_size_is_rejected(tmp_path):
 def test_frames_are_shown_upright(tmp_path, degrees, mirrored):
     # oracle: FFmpeg says counterclockwise, then mirrored
     codes, path = pictures(1), tmp_path / "a.mp4"
-    with av.open(str(path), "w") as clip:
-        stream = clip.add_stream("libx264rgb", rate=25, options={"qp": "0"})
-        stream.width, stream.height, stream.pix_fmt = 96, 64, "rgb24"
+    with encoder(path, "libx264rgb", (96, 64), "rgb24", options={"qp": "0"}) as (stream, add):
         stream.set_display_rotation(degrees, mirrored, False)
-        clip.mux(stream.encode(av.VideoFrame.from_ndarray(codes[0])))
-        clip.mux(stream.encode())
+        add(codes[0])
     shown = np.rot90(codes[0], degrees // 90)[:, :: -1 if mirrored else 1]
     frames = read_frames(path, REC709)
     assert frames.size == shown.shape[1::-1]

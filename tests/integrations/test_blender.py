@@ -10,12 +10,12 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.scenes import rendered
+from tests.scripts import loaded
 
 import blurmatte as bm
 from blurmatte.rendering import Ball, Scene, colorful_plate
@@ -27,21 +27,14 @@ PYTHON = Path(os.environ.get("BLURMATTE_BPY", ROOT / "benchmarks/cycles/blender/
 SIZE = 96, 64
 
 
-def module_of(path):
-    spec = spec_from_file_location(path.stem, path)
-    module = module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.fixture(scope="module")
 def archive(tmp_path_factory):
-    return module_of(BLENDER / "build.py").build(tmp_path_factory.mktemp("archive"))
+    return loaded(BLENDER / "build.py").build(tmp_path_factory.mktemp("archive"))
 
 
 def test_the_archive_holds_the_addon_and_is_the_same_if_built_again(archive, tmp_path):
     """Exact"""
-    again = module_of(BLENDER / "build.py").build(tmp_path)
+    again = loaded(BLENDER / "build.py").build(tmp_path)
     assert again.read_bytes() == archive.read_bytes()
     with zipfile.ZipFile(archive) as file:
         names = set(file.namelist())
@@ -67,7 +60,7 @@ def test_the_addon_imports_nothing_of_the_package():
 
 def test_a_run_of_the_command_can_be_followed_and_stopped(tmp_path):
     """Exact: the last line is the stage; what it started ends with it."""
-    running = module_of(BLENDER / "addon" / "running.py")
+    running = loaded(BLENDER / "addon" / "running.py")
     fake = tmp_path / "blurmatte"
     code = (
         "import sys, time; print('blurmatte: 0.1 s: x',file=sys.stderr,flush=True); time.sleep(60)"

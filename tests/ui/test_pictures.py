@@ -7,11 +7,10 @@ import pickle
 import numpy as np
 import pytest
 from PIL import Image
-from tests.scenes import on_line
+from tests.scenes import BALL, rendered
 
 import blurmatte as bm
 from blurmatte.background.guess import guess_behind
-from blurmatte.rendering import Ball, colorful_plate
 from blurmatte.ui.pictures import TILE, ShownPictures, _halved
 from blurmatte.ui.processes import Question, _alone, look
 
@@ -24,7 +23,7 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("viewer")
     light = RNG.random((TILE + 91, TILE + 38, 3), np.float32)
     bm.write(folder / "picture.exr", bm.LinearImage(light))
-    truth = on_line(colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), Ball(9))
+    truth = rendered(BALL)
     solution = bm.solve(truth.image, truth.plate, truth.model, bm.Pixelwise())
     bm.write(folder / "layer.exr", solution)
     frames = (bm.LinearImage(np.full((48, 64, 3), k / 40, np.float32)) for k in range(40))
@@ -43,7 +42,7 @@ def tile(viewer, path, part="picture", frame=0, level=0, x=0, y=0):
 
 
 def test_the_scene_behind_is_that_which_edit_takes(viewer, tmp_path):
-    truth = on_line(colorful_plate((96, 72), 2, tile=18), (26, 28), (70, 42), Ball(9))
+    truth = rendered(BALL)
     other = bm.LinearImage(np.roll(truth.plate.rgb, 2, axis=1) * np.float32(0.8))
     for name, picture in (("image", truth.image), ("plate", other)):
         bm.write(tmp_path / f"{name}.exr", picture)
