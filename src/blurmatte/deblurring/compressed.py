@@ -54,7 +54,7 @@ _MAX_PRODUCTS = 100  # of conjugate gradients
 
 
 @dataclass(frozen=True, eq=False)
-class _Measurements:
+class _ViewData:
     """Measurements of a view about a color, with independent noise.
 
     Parameters
@@ -158,7 +158,7 @@ class _QuadraticFit:
         self.weights, self.prior = weights[:, None], self.differences.quadratic(weights)
         parts = zip(self.state.views, self.state.blurs, self.state.weights, strict=True)
         self.data = [linearized(*part, self.color, self.independent_scale) for part in parts]
-        gradient = sum(self._scaled(_Measurements.gradient)) - self.prior @ self.color
+        gradient = sum(self._scaled(_ViewData.gradient)) - self.prior @ self.color
         rotated = posterior(self.rotated, self.independent_scale * band)
         self.color = self.color + self._solved(gradient, _TOLERANCE, rotated, self.axes)
 
@@ -174,7 +174,7 @@ class _QuadraticFit:
         self.misfit = float(np.mean(misfits))
         return samples
 
-    def _scaled(self, function: Callable[[_Measurements, float], Array]) -> Iterable[Array]:
+    def _scaled(self, function: Callable[[_ViewData, float], Array]) -> Iterable[Array]:
         """A function of the data of each view and the scale of its noise."""
         s = max(1.0, self.misfit)
         return (function(one, 1.0 if one.touched is None else s) for one in self.data)
@@ -205,12 +205,12 @@ class _QuadraticFit:
         return np.asarray(solution.reshape(shape))
 
 
-def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float) -> _Measurements:
+def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float) -> _ViewData:
     """The measurements of a view about a color; `scale` is that of independent noise."""
     if view.stored is not None:
         return _of_file(view, view.stored, blur, color)
     A, alpha = blur
-    return _Measurements(
+    return _ViewData(
         [view.light(alpha) - A @ color],
         [np.broadcast_to(weight / scale, (len(weight), 3))],
         lambda x: [A @ x],
@@ -218,7 +218,7 @@ def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float
     )
 
 
-def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Measurements:
+def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _ViewData:
     z, shape, (A, alpha) = stored.coefficients, (*view.pixels.shape, 3), blur
     transposed, own, part = A.T, A @ color, alpha.reshape(shape[:2])
     before, predicted = codes_before(
@@ -229,7 +229,7 @@ def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Meas
     slope = 255 / stored.transfer.slope(np.maximum(light, MODEL_STD))  # codes per light
     variance = z.variances((slope**2 * view.variance(alpha)).reshape(shape))
     streak = np.repeat((part > 0)[..., None], 3, axis=-1).astype(float)
-    return _Measurements(
+    return _ViewData(
         r,
         [1 / (q + v) for q, v in zip(z.step_variances, variance, strict=True)],
         lambda x: z.of((slope * (A @ x)).reshape(shape)),
