@@ -93,7 +93,7 @@ Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 _MAX_STREAKS = 5  # that are compared
 # Of the plate's light that it loses: less hardly changes alpha, and costs a search
 _MIN_LOSS = 0.02
-# Of a streak in that light, of its pixels or its evidence: a smaller one justifies a search
+# Of a streak in that light: a smaller one justifies a search
 _MAX_REMAINING_FRACTION = 0.9
 _MIN_REFINED_WEIGHT = 1e-2  # probability of a hypothesis that is refined
 # Relative root mean square difference of alpha of two hypotheses
@@ -423,10 +423,7 @@ def _lighting_of(
     finer = replace(observation, grain=observation.grain * width / half_width_of(streak))
     lighting = fit_lighting(finer, is_gray)
     rest = _streak_within(streak, image, lighting.on(plate))
-    if rest is None:
-        return None
-    remaining = min(rest.mask.sum() / streak.mask.sum(), rest.evidence / streak.evidence)
-    if remaining > _MAX_REMAINING_FRACTION:
+    if rest is None or rest.mask.sum() > _MAX_REMAINING_FRACTION * streak.mask.sum():
         return None
     return lighting, rest
 
