@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from tests.scenes import on_line, photographed, rendered
+from threadpoolctl import threadpool_info, threadpool_limits
 
 from blurmatte.background import Matching
 from blurmatte.background.plate import make_plate
@@ -48,6 +49,7 @@ from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.color_fit import fit_color
 from blurmatte.sweep.fit_sweep import likeliest_streak
+from blurmatte.sweep.hypotheses import Disc
 from blurmatte.trajectory import Trajectory
 
 SENSOR = NoiseModel(gain=2e-4, read_std=0.002)
@@ -837,3 +839,21 @@ def test_a_flash_before_a_plain_wall_is_assumed_unless_its_color_is_given():
     assert open_.stats.grade_reasons[0] == "opacity"
     given = solve(image, plate, ColorModel.from_samples(np.array([[0.7, 0.3, 0.06]]), std=1e-3))
     assert abs(given.stats.sum_alpha / true.sum() - 1) < 0.1
+
+
+def test_fits_of_a_solution_use_one_thread_of_linear_algebra(paint):
+    threads = set()
+
+    class Recorded(Disc):
+        """A disc; also keeps the numbers of threads that linear algebra may start."""
+
+        def fits(self, fits):
+            threads.update(p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas")
+            return super().fits(fits)
+
+    image, plate = taken(paint)
+    with threadpool_limits(2):
+        solve(image, plate, solver=Swept((Recorded(),)))
+        after = {p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"}
+    assert threads == {1}
+    assert after == {2}

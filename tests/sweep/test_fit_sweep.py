@@ -446,3 +446,20 @@ def test_a_real_ball_has_one_size(real_data):
     sweeps = [fit_sweep(read(real_data / f"floorball{i}.png"), plate) for i in (1, 2)]
     assert all(sweep.silhouette.order == 1 for sweep in sweeps)
     assert_allclose(sweeps[0].radius, sweeps[1].radius, rtol=0.02)
+
+
+@pytest.mark.battery
+@pytest.mark.parametrize("color", [(0.28, 0.36, 0.24), (0.2, 0.3, 0.18)])
+def test_light_that_a_wall_loses_near_an_object_of_its_hue_is_not_that_of_the_object(color):
+    scene = replace(BALL, body=Ball(RADIUS, np.array(color), ambient=1.0))
+    truth, noise, rng = rendered(scene), 2e-3, np.random.default_rng(0)
+    alpha, plate = truth.layer.alpha[..., None], truth.plate.rgb
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    lost = 0.06 * np.exp(-((x - 70) ** 2 + (y - 75) ** 2) / (2 * 16**2))
+    light = truth.layer.premultiplied + (1 - alpha) * plate * (1 - lost[..., None])
+    image, behind = (
+        LinearImage(rgb + noise * rng.standard_normal(rgb.shape), NoiseModel(read_std=noise))
+        for rgb in (light, plate)
+    )
+    sweep = fit_sweep(image, behind, require_streaks(image, behind)[0])
+    assert alpha_error(sweep.alpha, truth.layer.alpha) < 0.004
