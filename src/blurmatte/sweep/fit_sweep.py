@@ -356,7 +356,7 @@ def _in_light(
         both = [found.best_evidence(observation), replace(lit, cost=lit.cost + lighting.cost)]
         if hypothesis_weights(both)[1] < 0.5:
             return []
-    else:
+    elif found.observation.prior is None:  # else its first estimate was around the object
         lighting, rest = _light_around(found, observation, lighting, rest, request)
     # That light holds the shadow of the object.
     shapes = [one for one in request.hypotheses if not one.changes_plate]
