@@ -241,7 +241,7 @@ def fit_hypotheses(
 
     request = _FitRequest(image, search, start, hypotheses, TimeLimit(seconds))
     with threadpool_limits(1):  # the matrices are small: threads wait longer than they work
-        candidates = request.candidates(plate, streak)
+        candidates = request.candidates(request.begun(plate, streak))
         # Without hues a dark object looks like a loss of light.
         if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
             candidates = _in_likelier_light(candidates, request)
@@ -263,13 +263,17 @@ class _FitRequest:
     hypotheses: Sequence[Hypothesis]
     limit: TimeLimit
 
-    def candidates(self, plate: LinearImage, streak: Streak) -> "_Candidates":
-        """All hypotheses before a plate; of light alone, if the object hides nothing.
+    def begun(self, plate: LinearImage, streak: Streak) -> Fits:
+        """The discs before a plate, from which all hypotheses start."""
+        search, one_paint, varied = _discs(self.search_in(streak, self.image, plate), self.start)
+        return Fits(search, self.image, plate, streak, tuple(one_paint), tuple(varied))
+
+    def candidates(self, fits: Fits) -> "_Candidates":
+        """All hypotheses, begun from discs; of light alone, if the object hides nothing.
 
         The object is solid unless the likeliest of these shapes is likelier if it lets light through.
         """
-        search, *discs = _discs(self.search_in(streak, self.image, plate), self.start)
-        fits = Fits(search, self.image, plate, streak, tuple(discs[0]), tuple(discs[1]))
+        search, discs = fits.search, (fits.one_paint, fits.varied)
         if _is_known_solid(search.observation):
             return self._fitted(fits)
         state = best_of([kind[0] for kind in discs if kind])
@@ -356,11 +360,12 @@ def _in_light(
         both = [found.best_evidence(observation), replace(lit, cost=lit.cost + lighting.cost)]
         if hypothesis_weights(both)[1] < 0.5:
             return []
-    elif found.observation.prior is None:  # else its first estimate was around the object
-        lighting, rest = _light_around(found, observation, lighting, rest, request)
+    begun = request.begun(lighting.on(found.plate), rest)
+    if found.observation.prior is None:  # else its first estimate was around the object
+        lighting, begun = _light_around(found, observation, lighting, begun, request)
     # That light holds the shadow of the object.
     shapes = [one for one in request.hypotheses if not one.changes_plate]
-    evidence, others = _fitted_in(lighting, rest, found, observation, request, shapes)
+    evidence, others = _fitted_in(lighting, begun, observation, request, shapes)
     return [] if math.isinf(evidence.cost) else [(evidence, others)]
 
 
@@ -368,38 +373,39 @@ def _light_around(
     found: Hypotheses,
     observation: Observation,
     lighting: Lighting,
-    rest: Streak,
+    begun: Fits,
     request: _FitRequest,
-) -> tuple[Lighting, Streak]:
-    """The light estimated again without the pixels of a disc, if it is likelier; the streak in it.
+) -> tuple[Lighting, Fits]:
+    """The light estimated again without the pixels of a disc, if it is likelier; the discs in it.
 
     The first estimate knows no object, and may be darker where that is.
+
+    begun: the discs in the first estimate.
     """
-    fit = partial(
-        _fitted_in, found=found, observation=observation, request=request, shapes=(Disc(),)
-    )
-    before, disc = fit(lighting, rest)
+    fit = partial(_fitted_in, observation=observation, request=request, shapes=(Disc(),))
+    before, disc = fit(lighting, begun)
     outside = disc.as_fitted.outside_of_best(observation)
-    grain = observation.grain * half_width_of(rest) / half_width_of(found.streak)
+    grain = observation.grain * half_width_of(begun.streak) / half_width_of(found.streak)
     around = fit_lighting(replace(outside, grain=grain), not lighting.is_colored)
-    again = _streak_within(found.streak, request.image, around.on(found.plate))
-    if again is None:
-        return lighting, rest
+    plate = around.on(found.plate)
+    rest = _streak_within(found.streak, request.image, plate)
+    if rest is None:
+        return lighting, begun
+    again = request.begun(plate, rest)
     if math.isfinite(before.cost) and not is_decisively_likelier(fit(around, again)[0], before):
-        return lighting, rest
+        return lighting, begun
     return around, again
 
 
 def _fitted_in(
     lighting: Lighting,
-    rest: Streak,
-    found: Hypotheses,
+    begun: Fits,
     observation: Observation,
     request: _FitRequest,
     shapes: Sequence[Hypothesis],
 ) -> tuple[Evidence, "_Candidates"]:
     """Shapes in a light, and the evidence for both; its cost is infinite if they are impossible."""
-    others = replace(request, hypotheses=shapes).candidates(lighting.on(found.plate), rest)
+    others = replace(request, hypotheses=shapes).candidates(begun)
     fitted = others.as_fitted
     evidence = fitted.best_evidence(lighting.lit(observation))
     cost = evidence.cost + lighting.cost if lighting.is_possible(fitted.best.alpha) else math.inf
