@@ -8,7 +8,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -277,7 +277,8 @@ class _FitRequest:
         if _is_known_solid(search.observation):
             return self._fitted(fits)
         state = best_of([kind[0] for kind in discs if kind])
-        seen_through = _seen_through(state, search.bounds)
+        through = cache(partial(_seen_through, bounds=search.bounds))
+        seen_through = through(state)
         if _is_alone_explaining(seen_through, state):
             state = seen_through
         elif not (may_be_there_in_part(state) or _is_plain_source(state)):
@@ -287,11 +288,9 @@ class _FitRequest:
             if thin is None:
                 return solid.with_opacity_errors(opacity.solid_std, opacity.even_std)
             state = thin
-        hides = _opacity_of(_seen_through(state, search.bounds))
+        hides = _opacity_of(through(state))
         if hides.value > 0:
-            one_paint, varied = (
-                tuple(_seen_through(one, search.bounds) for one in kind) for kind in discs
-            )
+            one_paint, varied = (tuple(map(through, kind)) for kind in discs)
             return self._fitted(replace(fits, one_paint=one_paint, varied=varied), _with_opacity)
         added = self._of_light(fits, hides.std)
         if added.as_fitted.best.rejection != NEGATIVE_LIGHT:
