@@ -21,9 +21,18 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 OUTPUT, PYTHON = (
     (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("output", "python")
 )
-TEN_LINES, *EXAMPLES = re.findall(r"```python\n(.*?)```", README + PYTHON, re.DOTALL)
+EXAMPLES = re.findall(r"```python\n(.*?)```", README + PYTHON, re.DOTALL)
 COMMANDS = re.findall(r"^\$ (.*)$", README, re.MULTILINE)
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
+
+
+def example(call):
+    """The only example that has a call."""
+    (found,) = (code for code in EXAMPLES if call in code)
+    return found
+
+
+TEN_LINES = example("bm.save_results")
 
 
 def table(heading):
@@ -64,6 +73,11 @@ def pictures(tmp_path_factory):
     return folder
 
 
+def test_every_example_is_one_of_those_run_here():
+    calls = set(re.findall(r"exec\(example\(\"(.*?)\"\)", Path(__file__).read_text()))
+    assert {example(call) for call in (*calls, "bm.save_results")} == set(EXAMPLES)
+
+
 def test_ten_lines_write_what_solve_writes(pictures, monkeypatch, capsys):
     monkeypatch.chdir(pictures)
     names = {}
@@ -78,23 +92,22 @@ def test_ten_lines_write_what_solve_writes(pictures, monkeypatch, capsys):
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 def test_single_steps_run(pictures, monkeypatch, capsys):
     monkeypatch.chdir(pictures)
-    exec(EXAMPLES[0], {})
+    exec(example("bm.match_plate"), {})
     assert capsys.readouterr().out.startswith("Solution(128x80, alpha up to 0.")
     assert bm.read_solution("ball.exr").size == (128, 80)
-    assert len(EXAMPLES) == 7
 
 
 def test_numpy_arrays_run(pictures, monkeypatch):
     monkeypatch.chdir(pictures)
     names = {}
-    exec(EXAMPLES[1], names)
+    exec(example("np.load"), names)
     assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
 
 
 def test_edits_run(pictures, monkeypatch):
     monkeypatch.chdir(pictures)
     names = {}
-    exec(EXAMPLES[2], names)
+    exec(example("recolor"), names)
     image, blue = (bm.read(f"{name}.jpg", bm.SRGB).rgb for name in ("throw", "blue"))
     object_light, more_blue = (light[names["changed"]].mean(axis=0) for light in (image, blue))
     assert more_blue[2] > object_light[2] + 0.02
@@ -107,7 +120,7 @@ def test_pictures_are_drawn(pictures, monkeypatch):
     """Exact: the sheet of the layer is what a notebook shows."""
     monkeypatch.chdir(pictures)
     names = {}
-    exec(EXAMPLES[3], names)
+    exec(example("bm.figures.draw_overview"), names)
     assert names["codes"].shape == names["image"].rgb.shape
     look = BytesIO(names["solution"].layer._repr_png_())
     with Image.open("look.png") as written, Image.open(look) as shown:
@@ -123,10 +136,23 @@ def test_plate_example_runs(pictures, monkeypatch):
     lights[40] = image.rgb
     save_clip("rally.mp4", lights)
     names = {}
-    exec(EXAMPLES[4], names)
+    exec(example("bm.make_plate"), names)
     alpha = names["solution"].layer.alpha
     assert alpha.sum(dtype=float) == pytest.approx(np.pi * 12**2, rel=0.05)
     assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
+
+
+def test_guess_example_runs(tmp_path, monkeypatch, capsys):
+    """A ball of radius 12 before a plain wall."""
+    monkeypatch.chdir(tmp_path)
+    wall, path = np.full((96, 160, 3), [0.3, 0.34, 0.4]), bm.Trajectory.line((50, 44), (106, 52))
+    truth = bm.rendering.render(bm.rendering.Scene(wall, path, bm.rendering.Ball(12)))
+    bm.write("alone.png", bm.rendering.Camera(NOISE, bits=16).photograph(truth.image.rgb, 3))
+    names = {}
+    exec(example("bm.background.guess_plate"), names)
+    assert capsys.readouterr().out.startswith("within 0.0")
+    alpha = names["solution"].alpha
+    assert alpha.sum(dtype=float) == pytest.approx(np.pi * 12**2, rel=0.05)
 
 
 def test_motion_example_runs(pictures, monkeypatch, capsys):
@@ -135,7 +161,7 @@ def test_motion_example_runs(pictures, monkeypatch, capsys):
     Path("out").mkdir(exist_ok=True)
     bm.write("out/layer.exr", bm.solve(image, plate))
     names = {}
-    exec(EXAMPLES[5], names)
+    exec(example("bm.measure_motion(bm"), names)
     motion = names["motion"]
     assert motion.radius == pytest.approx(12, abs=4 * motion.radius_std)
     assert motion.length == pytest.approx(np.hypot(60, 12), abs=4 * motion.length_std)
@@ -155,7 +181,7 @@ def test_fall_example_runs(pictures, monkeypatch, capsys):
     save_clip("rally.mp4", lights)
     bm.write("plate.exr", plate)
     names = {}
-    exec(EXAMPLES[6], names)
+    exec(example("bm.measure_clip"), names)
     found = [row for row in names["rows"] if row.sighting is not None]
     assert len(found) == 5
     assert len(Path("rally.csv").read_text().splitlines()) == 6

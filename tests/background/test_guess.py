@@ -54,15 +54,18 @@ def test_picture_is_unchanged_where_the_scene_is_seen():
 
 
 @pytest.mark.parametrize(
-    ("reach", "seeds"),
+    ("reach", "seeds", "ratio"),
     [
-        (1.0, 3),
-        pytest.param(1.0, 12, marks=pytest.mark.battery),
-        pytest.param(6.0, 12, marks=pytest.mark.battery),
+        (1.0, 3, 1.0),
+        pytest.param(1.0, 12, 1.0, marks=pytest.mark.battery),
+        pytest.param(6.0, 12, 1.28, marks=pytest.mark.battery),
     ],
 )
-def test_errors_of_pixels_are_a_quarter_too_small_and_that_of_their_sum_is_honest(reach, seeds):
-    """Honest: true errors over claimed ones, of pixels by the variance, of sums by draws."""
+def test_errors_of_pixels_and_of_their_sum_are_honest_or_a_quarter_too_small(reach, seeds, ratio):
+    """Honest: true errors over claimed ones, of pixels by the variance, of sums by draws.
+
+    Those of pixels before texture as wide as the region are a quarter too small.
+    """
     pixels, sums = [], []
     for seed in range(seeds):
         scene, picture = wall(seed, texture=0.05, reach=reach)
@@ -71,7 +74,7 @@ def test_errors_of_pixels_are_a_quarter_too_small_and_that_of_their_sum_is_hones
         pixels.append(np.mean(error**2 / guess.variance[REGION]))
         drawn = [(one.rgb - guess.rgb)[REGION].sum() ** 2 for one in guess.plates[1:]]
         sums.append(error.sum() ** 2 / np.mean(drawn))
-    assert 1.1 < np.sqrt(np.mean(pixels)) < 1.4
+    assert 0.8 < np.sqrt(np.mean(pixels)) / ratio < 1.25
     assert 0.8 < np.sqrt(np.mean(sums)) < 1.25
 
 
