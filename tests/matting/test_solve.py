@@ -208,18 +208,24 @@ def with_a_hand(image):
     return replace(image, rgb=rgb)
 
 
-def with_a_shadow(image):
-    """The picture, and in the opposite corner a soft moving shadow, stronger than the ball."""
+def with_a_shadow(image, color=(1, 1, 1)):
+    """The picture, and in the opposite corner a soft moving shadow, stronger than the ball.
+
+    color: that it takes from each channel.
+    """
     y, x = np.mgrid[: image.rgb.shape[0], : image.rgb.shape[1]]
     off = np.hypot(np.maximum(np.abs(x - 45) - 20, 0), y - 100)
     dark = 0.8 * np.exp(-((off / 10) ** 2))
-    return replace(image, rgb=image.rgb * (1 - dark)[..., None].astype(image.rgb.dtype))
+    lit = 1 - dark[..., None] * np.array(color)
+    return replace(image, rgb=image.rgb * lit.astype(image.rgb.dtype))
 
 
-def test_a_stronger_shadow_is_not_chosen(paint):
+@pytest.mark.parametrize("color", [(1, 1, 1), (1.24, 0.6, 0.6)], ids=["gray", "of colored light"])
+def test_a_stronger_shadow_is_not_chosen(paint, color):
     """honest: a distant shadow moves as its object does."""
     image, plate = taken(paint)
-    image = with_a_shadow(image)
+    faint = plate.rgb + 0.7 * (image.rgb - plate.rgb)
+    image = with_a_shadow(replace(image, rgb=faint), color)
     shadow, ball, *_ = find_streaks(image, plate)
     assert shadow.evidence > ball.evidence
     assert likeliest_streak(*with_noise(image, plate), [shadow, ball]) is ball
