@@ -54,14 +54,16 @@ def test_picture_is_unchanged_where_the_scene_is_seen():
 
 
 @pytest.mark.parametrize(
-    ("reach", "seeds", "ratio"),
+    ("reach", "seeds", "least", "largest"),
     [
-        (1.0, 3, 1.0),
-        pytest.param(1.0, 12, 1.0, marks=pytest.mark.battery),
-        pytest.param(6.0, 12, 1.28, marks=pytest.mark.battery),
+        (1.0, 3, 0.8, 1.25),
+        pytest.param(1.0, 12, 0.8, 1.25, marks=pytest.mark.battery),
+        pytest.param(6.0, 12, 1.1, 1.4, marks=pytest.mark.battery),
     ],
 )
-def test_errors_of_pixels_and_of_their_sum_are_honest_or_a_quarter_too_small(reach, seeds, ratio):
+def test_errors_of_pixels_and_of_their_sum_are_honest_or_a_quarter_too_small(
+    reach, seeds, least, largest
+):
     """Honest: true errors over claimed ones, of pixels by the variance, of sums by draws.
 
     Those of pixels before texture as wide as the region are a quarter too small.
@@ -74,7 +76,7 @@ def test_errors_of_pixels_and_of_their_sum_are_honest_or_a_quarter_too_small(rea
         pixels.append(np.mean(error**2 / guess.variance[REGION]))
         drawn = [(one.rgb - guess.rgb)[REGION].sum() ** 2 for one in guess.plates[1:]]
         sums.append(error.sum() ** 2 / np.mean(drawn))
-    assert 0.8 < np.sqrt(np.mean(pixels)) / ratio < 1.25
+    assert least < np.sqrt(np.mean(pixels)) < largest
     assert 0.8 < np.sqrt(np.mean(sums)) < 1.25
 
 
