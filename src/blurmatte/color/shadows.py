@@ -71,30 +71,13 @@ def check_no_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> N
 
 
 def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
-    """True if a streak only removes light of the plate; the noise must be known.
-
-    True for shadows, and for objects whose light is less than 6 % of the change, of the plate's hue,
-    or below the noise. False where nothing changed.
-    """
-    change, residual = _shadow_energies(image, plate, streak)
-    return change > 0 and residual <= _MIN_OBJECT_LIGHT**2 * change
-
-
-def fraction_of_object(image: LinearImage, plate: LinearImage, streak: Streak) -> float:
-    """Fraction, 0…1, of the energy of a change that no shadow explains; the noise must be known.
-
-    Never below that of a streak that may be a shadow.
-    """
-    change, residual = _shadow_energies(image, plate, streak)
-    least = _MIN_OBJECT_LIGHT**2
-    return float(np.clip(residual / change, least, 1)) if change > 0 else least
-
-
-def _shadow_energies(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[float, float]:
-    """Energy of the change in a streak, and of its residual from the shadow that fits best.
+    """True if a streak only removes light of the plate.
 
     The mean product of neighbors is the energy of a change free of independent noise; correlated noise
     is measured outside the streak.
+
+    True for shadows, and for objects whose light is less than 6 % of the change, of the plate's hue,
+    or below the noise. False where nothing changed. The noise must be known.
     """
     box = streak.around(MARGIN_PX)
     inside = streak.mask[rows_columns(box)]
@@ -106,7 +89,7 @@ def _shadow_energies(image: LinearImage, plate: LinearImage, streak: Streak) -> 
     rest = lost - _of_shadow(lost, B, inside)
     outside = use & ~inside & ~_other_motion(lost, inside & use)
     change, residual = (_energy(x, inside & use, outside) for x in (lost, rest))
-    return change, residual
+    return change > 0 and residual <= _MIN_OBJECT_LIGHT**2 * change
 
 
 def darker_pixels(image: LinearImage, plate: LinearImage) -> Bools:

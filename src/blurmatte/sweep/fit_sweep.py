@@ -16,7 +16,7 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, check_kind
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shadows import check_no_shadow, fraction_of_object
+from blurmatte.color.shadows import check_no_shadow, may_be_shadow
 from blurmatte.descent import distinct
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
@@ -197,7 +197,7 @@ def likeliest_streak(
     """The streak with the most evidence that a disc explains, less that which it does not explain.
 
     A moving person may change more pixels than a ball, but no disc explains them. So may a shadow,
-    which moves with its object: only what it does not explain is evidence.
+    which moves with its object: streaks that add light are preferred.
 
     image, plate: noise known.
     streaks: the strongest first, which is returned if a disc explains none by more than half.
@@ -207,14 +207,14 @@ def likeliest_streak(
     if len(strong) < 2:
         return streaks[0]
     is_rough = plate.meta.guess_error is not None  # a loss of light may be texture
+    lit = [] if is_rough else [one for one in strong if not may_be_shadow(image, plate, one)]
     scored: list[tuple[float, Streak]] = []
-    for streak in strong:
+    for streak in lit or strong:
         search = quick_search(streak, image, plate, ColorPrior.of(model).of_one_paint)
-        explained = 2 * explained_fraction(search.quick()) - 1
-        of_object = 1.0 if is_rough else fraction_of_object(image, plate, streak)
-        scored.append((streak.evidence * explained * of_object, streak))
+        explained = explained_fraction(search.quick())
+        scored.append((streak.evidence * (2 * explained - 1), streak))
     score, likeliest = max(scored, key=lambda one: one[0])
-    return likeliest if score > 0 else strong[0]
+    return likeliest if score > 0 else (lit or strong)[0]
 
 
 def fit_hypotheses(
