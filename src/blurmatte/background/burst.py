@@ -7,15 +7,22 @@ import numpy as np
 import scipy
 
 from blurmatte.background.fit_match import Matching, fit_match, match_at_rest
-from blurmatte.background.guess import RIM_PX, PlateGuess, faint_rim, guess_plate, noise_around
+from blurmatte.background.guess import (
+    RIM_PX,
+    PlateGuess,
+    channels_share_noise,
+    faint_rim,
+    guess_plate,
+    least_difference,
+    noise_around,
+)
 from blurmatte.background.match import Match
 from blurmatte.background.plate import plate_of_shots
 from blurmatte.background.robust_mean_kernel import UNSEEN
 from blurmatte.background.warp import Warp, warped_mask
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import QUANTILE_999_3
 
 # Fraction of the pixels on which shots differ where no two agree: noise alone yields one in 900
 _MIN_HOLES = 0.01
@@ -107,13 +114,12 @@ def _checked(image: LinearImage, plate: LinearImage, differ: Bools) -> LinearIma
 
 def _contradicting(plate: LinearImage, guess: PlateGuess) -> Bools:
     """(H, W) where a plate is not known or is unlikely before a guess, and the faint rims around."""
-    variance = guess.variance + plate.variance
-    z2 = ((plate.rgb - guess.rgb) ** 2 / variance).sum(axis=-1)
-    off = _mostly((z2 > QUANTILE_999_3) & guess.hidden & plate.valid)
+    excess = over_noise((plate.rgb - guess.rgb) ** 2, plate, guess)
+    off = _mostly((excess > 1) & guess.hidden & plate.valid)
     if not off.any():
         return ~plate.valid
     away = scipy.ndimage.distance_transform_edt(~(off | ~plate.valid))
-    return np.asarray(away <= faint_rim(z2[off] / QUANTILE_999_3, off))
+    return np.asarray(away <= faint_rim(excess[off], off))
 
 
 def _undecided(image: LinearImage, plate: LinearImage, guess: PlateGuess, moved: Bools) -> Bools:
@@ -121,12 +127,18 @@ def _undecided(image: LinearImage, plate: LinearImage, guess: PlateGuess, moved:
 
     moved (H, W): where a shot differs from the plate.
     """
-    variance = guess.variance + plate.variance
     seen = moved & plate.valid & image.valid
     if not seen.any():
         return ~plate.valid
     contrast = np.quantile((image.rgb - plate.rgb)[seen] ** 2, 0.95, axis=0)
-    return np.asarray((contrast / variance).sum(axis=-1) < QUANTILE_999_3)
+    return over_noise(contrast, plate, guess) < 1
+
+
+def over_noise(squared: Array, plate: LinearImage, guess: PlateGuess) -> Array:
+    """(H, W) squared differences of light (3,) or (H, W, 3) over the least that is no noise."""
+    z2 = squared / (guess.variance + plate.variance)
+    total = z2.mean(axis=-1) if channels_share_noise(plate) else z2.sum(axis=-1)
+    return np.asarray(total / least_difference(plate))
 
 
 def _mostly(mask: Bools) -> Bools:

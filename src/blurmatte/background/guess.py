@@ -444,13 +444,15 @@ def least_difference(picture: LinearImage) -> float:
     return QUANTILE_999_1 if are_gray(picture, picture) else QUANTILE_999_3
 
 
-def _noise_along(axes: Array, picture: LinearImage, where: Bools) -> Array:
-    """(3,) mean variance of the noise along axes of color, the columns of (3, 3).
+def channels_share_noise(picture: LinearImage) -> bool:
+    """Whether a picture is gray, and its noise does not yet count once (`Meta.one_channel`)."""
+    return are_gray(picture, picture) and not picture.meta.one_channel
 
-    The channels of gray pictures share one noise, unless it counts once (`Meta.one_channel`).
-    """
+
+def _noise_along(axes: Array, picture: LinearImage, where: Bools) -> Array:
+    """(3,) mean variance of the noise along axes of color, the columns of (3, 3)."""
     variance = np.asarray(picture.variance, float)[where].mean(axis=0)
-    if are_gray(picture, picture) and not picture.meta.one_channel:
+    if channels_share_noise(picture):
         return np.asarray((np.sqrt(variance) @ axes) ** 2 + _MIN_VARIANCE)
     return np.asarray(variance @ axes**2)
 
