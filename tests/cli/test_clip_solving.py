@@ -80,6 +80,7 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
         (("--solver", "rough", "--layers", "exr"), "--solver must be auto, swept"),
         (("--region", "9,9,1,1", "--layers", "exr"), "must lie in the picture"),
         (("--color", "12,12"), "give --color as hex or a model file"),
+        (("--max-brightness", "0.9"), "--max-brightness is for a single picture"),
         (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
         (("--table", "xlsx"), "--table must be csv or parquet"),
         (("--frames", "7:9"), "they are numbered 1001 to 1005"),

@@ -89,6 +89,15 @@ def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
     assert contents(folder) == before
 
 
+def test_transfer_curves_belong_to_the_key(tmp_path, pictures):
+    """Exact: frames that were read with another curve are not taken for done."""
+    bm.write_frames(tmp_path / "f.####.png", pictures[0][:2])
+    curves = bm.SRGB, bm.radiometry.named_transfer("rec709"), bm.SRGB
+    clips = (bm.read_frames(tmp_path / "f.####.png", curve) for curve in curves)
+    srgb, rec709, again = (bm.clips.ClipRun((), clip).key for clip in clips)
+    assert rec709 != srgb == again
+
+
 def test_settings_of_a_solver_belong_to_the_key(shot):
     """Exact: frames that were solved with other settings are not taken for done."""
     solvers = (

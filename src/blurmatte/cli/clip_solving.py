@@ -187,6 +187,10 @@ def _model(colors: ObjectColor) -> bm.ColorModel | None:
     """The color model of the options; None: it is to be found in the frames."""
     if colors.kinds & {"point", "core"}:
         raise ValueError("of a clip give --color as hex or a model file; or leave it out")
+    if colors.max_brightness is not None:
+        raise ValueError(
+            "--max-brightness is for a single picture; of a clip give --color as hex or a model file"
+        )
     if colors.color:
         return stated_model(colors.color)
     return bm.ColorModel.any() if colors.rank == 3 else None

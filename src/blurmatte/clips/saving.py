@@ -10,8 +10,10 @@ from pathlib import Path
 from shutil import copyfile
 from typing import Any
 
+import numpy as np
+
 from blurmatte.background import ClipShot, ParallaxRegion
-from blurmatte.checks import Bools, check_kind, check_map
+from blurmatte.checks import AnyArray, Bools, check_kind, check_map
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color.model import ColorModel
@@ -127,16 +129,18 @@ class ClipRun:
     @property
     def key(self) -> str:
         """Hash of inputs and settings."""
-        color = None if self.model is None else self.model.basis.tolist()
-        hidden = None if self.occluder is None else sha256(self.occluder.tobytes()).hexdigest()
+        model = self.model
+        color = None if model is None else [model.basis.tolist(), model.covariance.tolist()]
         settings = {
+            # One frame shows with which curve all are read.
+            "light": [_digest(frame.rgb) for frame in self.frames[:1]],
             "frames": str(self.frames.frame_numbers),
             "rate": self.rate or self.frames.rate,
             "color": color,
             "several": self.several,
             "layers": self.file_extension,
             "complete": self.complete,
-            "occluder": hidden,
+            "occluder": None if self.occluder is None else _digest(self.occluder),
             "solver": repr(self.solver),
             "opacity": None if self.solver is None else self.solver.opacity,
             "seconds": None if self.solver is None else self.solver.seconds,
@@ -288,6 +292,11 @@ class _RunProgress:
     plates: list[LinearImage] = field(default_factory=list)
     parallax: list[ParallaxRegion] = field(default_factory=list)  # of the first shot
     new: int = 0
+
+
+def _digest(values: AnyArray) -> str:
+    """Hash of the values of an array."""
+    return sha256(np.ascontiguousarray(values).tobytes()).hexdigest()
 
 
 def save_clip(
