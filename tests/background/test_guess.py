@@ -38,7 +38,7 @@ def test_wall_is_guessed_within_a_conservative_error():
     guess = guess_plate(covered(picture), REGION)
     error = (guess.rgb - scene)[REGION]
     assert np.abs(error).max() < NOISE
-    assert 0.15 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 0.5
+    assert np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 0.5
     assert guess.image_noise.variance(scene)[REGION].mean() == pytest.approx(NOISE**2, rel=0.3)
 
 
@@ -283,7 +283,22 @@ def test_noise_of_a_gray_picture_is_not_texture_of_the_scene():
     guess = guess_plate(covered(gray(picture)), REGION)
     error = (guess.rgb - scene[..., :1])[REGION]
     assert guess.error < 0.5 * NOISE
-    assert 0.15 < np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1
+    assert np.sqrt(np.mean(error**2 / guess.variance[REGION])) < 1
+
+
+@pytest.mark.battery
+@pytest.mark.parametrize(
+    ("kind", "ratio"), [(lambda one: one, 0.29), (gray, 0.23)], ids=["color", "gray"]
+)
+def test_errors_of_a_wall_are_conservative(kind, ratio):
+    """Honest but for a factor: a plane is smoother than most fields that its cells may sample."""
+    z = []
+    for seed in range(36):
+        scene, picture = wall(seed)
+        guess = guess_plate(covered(kind(picture)), REGION)
+        error = guess.rgb - kind(LinearImage(scene)).rgb
+        z.append((error / np.sqrt(guess.variance))[REGION])
+    assert 0.8 < np.sqrt(np.mean(np.square(z))) / ratio < 1.25
 
 
 @pytest.mark.parametrize("seed", range(3))
