@@ -169,11 +169,12 @@ def test_errors_of_moments_match_scatter(softness, least):
 def test_errors_of_sweeps_contain_scatter():
     """Honest: small balls, from the pictures to the motion.
 
-    Stated errors are calibrated on scenes of two renderers and hold for both, so they are larger than
-    the scatter with the camera of one of them.
+    Stated errors are calibrated on scenes of two renderers and hold for both, so those of place and
+    length are larger than the scatter with the camera of one of them. The radius is mostly too small:
+    its error is about the stated one.
     """
     z = []
-    for seed in range(24):
+    for seed in range(48):
         rng = np.random.default_rng(seed)
         start, radius = rng.uniform(14, 22, 2), rng.uniform(5, 8)
         path = Trajectory.line(start, start + rng.uniform(10, 26, 2))
@@ -187,7 +188,8 @@ def test_errors_of_sweeps_contain_scatter():
         found = np.array([*motion.center, motion.length, motion.radius])
         std = np.array([*motion.center_std, motion.length_std, motion.radius_std])
         z.append((found - true) / std)
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.1  # of 96 slightly correlated numbers
+    ratios = np.sqrt(np.mean(np.square(z), axis=0)) / [0.72, 0.72, 0.56, 1]
+    assert np.all((ratios > 0.8) & (ratios < 1.25))
     assert np.mean(np.abs(z) <= 2) >= 0.95
 
 
