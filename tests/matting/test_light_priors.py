@@ -139,13 +139,13 @@ def test_errors_before_a_black_stripe_are_conservative():
     dark = np.zeros(size[::-1], bool)
     dark[:, 72:88] = True
     dark &= truth.layer.alpha > 0.02
-    for seed in range(2):
+    for seed in range(4):
         pictures = photographed(scene, Camera(code_std=2 / 255), seed, 5, substeps=120)
         solution = solve(*pictures, truth.model, Smooth())
         errors.append((solution.alpha - truth.layer.alpha)[dark])
         scores.append(errors[-1] / solution.alpha_std[dark])
     assert np.sqrt(np.mean(np.square(errors))) < 0.03
-    assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 0.8
+    assert 0.44 < np.sqrt(np.mean(np.square(scores))) < 0.7
 
 
 def evidence_of_mixture(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):

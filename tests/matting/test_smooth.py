@@ -116,7 +116,7 @@ def known_and_not(body, plate, seed):
 def test_known_compression_is_corrected():
     """Honest: with the chroma subsampling of the file known."""
     errors, scores = [], []
-    for seed in range(2):
+    for seed in range(8):
         truth, *both = known_and_not("turning star", "colorful", seed)
         errors.append([rmse(solution, truth) for solution in both])
         inside = truth.layer.alpha > 0
@@ -124,9 +124,8 @@ def test_known_compression_is_corrected():
         scores.append(off / both[0].alpha_std[inside])
     known, unknown = np.mean(errors, axis=0)
     assert known < 0.92 * unknown
-    within = np.abs(scores)
-    assert 0.6 < np.mean(within < 1) < 0.88
-    assert np.mean(within < 2) > 0.88
+    assert 0.8 < np.sqrt(np.mean(np.square(scores))) < 1.25
+    assert np.mean(np.abs(scores) < 2) > 0.88
 
 
 def test_chroma_subsampling_does_not_bias_the_sum():
@@ -151,8 +150,8 @@ def test_any_colors_are_solved_before_texture():
     solution = solve(image, plate, ColorModel.any(), Smooth())
     assert rmse(solution, truth) < 0.06
     inside = truth.layer.alpha > 0
-    error = np.abs(solution.alpha - truth.layer.alpha)[inside] / solution.alpha_std[inside]
-    assert np.mean(error < 2) > 0.75
+    score = (solution.alpha - truth.layer.alpha)[inside] / solution.alpha_std[inside]
+    assert 0.8 < np.sqrt(np.mean(score**2)) < 1.25
 
 
 def test_errors_of_any_colors_before_a_plain_plate_are_large():
@@ -176,31 +175,38 @@ def test_exact_pictures_give_the_closed_form():
     assert_allclose(together.alpha[across], alone.alpha[across], atol=1e-4)
 
 
-def test_the_sum_has_no_bias_and_a_conservative_error():
+def test_the_sum_has_little_bias_and_a_conservative_error():
     """Honest: over draws of noise; the error is calibrated on harder scenes than this one."""
     biases, scores = [], []
-    for seed in range(16):
+    for seed in range(32):
         truth, image, plate = taken("ball", "colorful", seed)
         stats = solve(image, plate, truth.model, Smooth()).stats
         off = stats.sum_alpha - truth.layer.alpha.sum()
         biases.append(off / truth.layer.alpha.sum())
         scores.append(off / stats.sum_alpha_std)
-    assert abs(np.mean(biases)) < 0.01
-    assert np.std(biases) < 0.02
-    assert 0.5 < np.sqrt(np.mean(np.square(scores))) < 1
+    assert abs(np.mean(biases)) < 0.005
+    assert np.std(biases) < 0.006
+    assert 0.55 < np.sqrt(np.mean(np.square(scores))) < 0.85
 
 
 def test_larger_strength_gives_smoother_alpha():
-    """Honest: too much smoothing increases the stated errors."""
-    truth, image, plate = taken("turning stick", "textured")
-    rough, smooth = (solve(image, plate, truth.model, Smooth(strength)) for strength in (0.2, 5.0))
-    inside = truth.layer.alpha > 0.02
-    steps = [np.abs(np.diff(s.alpha, axis=1))[inside[:, 1:]].mean() for s in (rough, smooth)]
-    assert steps[1] < steps[0]
-    for solution in (rough, smooth):
-        score = np.abs(solution.alpha - truth.layer.alpha)[inside] / solution.alpha_std[inside]
-        assert 0.6 < np.mean(score < 1) < 0.95
-        assert np.mean(score < 2) > 0.9
+    """Honest: too much smoothing increases the stated errors; with too little, alpha may be rougher
+    than it is, so that they are conservative.
+    """
+    steps, scores = [], []
+    for seed in range(8):
+        truth, image, plate = taken("turning stick", "textured", seed)
+        inside = truth.layer.alpha > 0.02
+        found = [solve(image, plate, truth.model, Smooth(strength)) for strength in (0.2, 5.0)]
+        steps.append([np.abs(np.diff(s.alpha, axis=1))[inside[:, 1:]].mean() for s in found])
+        off = [(s.alpha - truth.layer.alpha)[inside] for s in found]
+        scores.append(np.divide(off, [s.alpha_std[inside] for s in found]))
+    rough, smooth = np.transpose(steps)
+    assert np.all(smooth < rough)
+    rough, smooth = np.sqrt(np.mean(np.square(scores), axis=(0, 2)))
+    assert 0.46 < rough < 0.72
+    assert 0.8 < smooth < 1.25
+    assert np.all(np.mean(np.abs(scores) < 2, axis=(0, 2)) > 0.9)
 
 
 def test_clipped_pixels_are_filled_from_their_neighbors():
