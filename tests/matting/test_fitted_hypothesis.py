@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import binary_erosion
+from scipy.stats import chi2
 from tests.scenes import photographed, rendered
 
 from blurmatte.background import Matching
@@ -128,7 +129,7 @@ def test_errors_of_sum_and_light_are_honest_and_that_of_alpha_conservative():
         light = (solution.premultiplied - truth.layer.premultiplied)[core]
         z_light.append(light / solution.premultiplied_std[core])
     assert 0.8 < np.sqrt(np.mean(np.square(z_sum))) < 1.25
-    assert 0.08 < np.sqrt(np.mean(np.square(off)) / np.mean(np.square(claimed))) < 0.3
+    assert 0.2 < np.sqrt(np.mean(np.square(off)) / np.mean(np.square(claimed))) < 0.3
     assert 0.9 < np.sqrt(np.mean(np.square(z_light))) < 1.1
 
 
@@ -231,25 +232,33 @@ def test_many_colors_before_one_hue_are_solved_by_the_shape():
     assert np.sqrt(np.mean(off**2)) < min(0.02, 2 * solution.stats.alpha_error)
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize(
-    "model",
-    [
-        pytest.param(None, id="found"),
-        pytest.param(ColorModel.any(), marks=pytest.mark.battery, id="any"),
-    ],
+    ("model", "ratio"), [(None, 0.55), (ColorModel.any(), 0.8)], ids=["found", "any"]
 )
-def test_any_colors_are_solved_before_texture(model):
-    truth, image, plate = taken(painted(textured_plate(SIZE, 2)), 1)
-    solution = solve(image, plate, model)
-    assert model is None or solution.model.rank == 3
-    inside = truth.layer.alpha > 0
-    off = solution.alpha - truth.layer.alpha
-    assert np.sqrt(np.mean(off[inside] ** 2)) < 0.02
-    light = (solution.premultiplied - truth.layer.premultiplied)[inside]
-    assert np.sqrt(np.mean(light**2)) < 0.02
-    z = off[inside] / np.maximum(solution.alpha_std[inside], 1e-3)
-    assert 0.4 < np.sqrt(np.mean(z**2)) < 1
-    assert np.mean(solution.quality[inside] != 0) < 0.1
+def test_any_colors_are_solved_before_texture(model, ratio):
+    """honest but for a factor: before 12 plates; the error is calibrated on harder scenes.
+
+    In one scene alpha errs by no more independent numbers than the sweep has parameters.
+    """
+    z, most = [], []
+    for seed in range(1, 13):
+        truth, image, plate = taken(painted(textured_plate(SIZE, seed + 1)), seed)
+        solution = solve(image, plate, model)
+        assert model is None or solution.model.rank == 3
+        inside = truth.layer.alpha > 0
+        off = (solution.alpha - truth.layer.alpha)[inside]
+        assert np.sqrt(np.mean(off**2)) < 0.02
+        light = (solution.premultiplied - truth.layer.premultiplied)[inside]
+        assert np.sqrt(np.mean(light**2)) < 0.02
+        assert np.mean(solution.quality[inside] != 0) < 0.1
+        std = np.maximum(solution.alpha_std[inside], 1e-3)
+        z.append(np.sqrt(np.mean((off / std) ** 2)))
+        n = len(solution.sweep.path) + len(solution.sweep.shape)
+        most.append(np.sqrt(chi2.isf(0.01, n) / n))
+    rms = np.sqrt(np.mean(np.square(z)))
+    assert 0.8 < rms / ratio < 1.25
+    assert np.all(z < rms * np.array(most))
 
 
 def test_pixelwise_alpha_of_any_colors_is_unknown():
