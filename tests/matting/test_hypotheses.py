@@ -81,16 +81,18 @@ def test_an_alpha_without_a_shape_that_has_weight_has_a_simulated_error(monkeypa
 
 @pytest.mark.battery
 def test_errors_of_the_radius_contain_other_likely_shapes():
-    """honest: of balls with gloss or a shadow as JPEG, before all plates."""
+    """honest: of balls with gloss or a shadow as JPEG, before all plates. The error contains
+    the radii of other likely shapes, and is far larger than that of half of the shadows.
+    """
     z = []
     for kind in ("glossy ball", "ball and its shadow"):
-        for seed in range(12, 20):
+        for seed in range(12, 24):
             drawn = draw(93_000 + seed)
             pictures = photograph(KINDS[kind](drawn).truth, FILES["JPEG"], seed)
             sweep = solve(*pictures).sweep
             z.append((sweep.radius - drawn.radius) / sweep.radius_std)
     assert np.mean(np.abs(z) < 3) >= 0.9
-    assert 0.4 < np.sqrt(np.mean(np.square(z))) < 2
+    assert 0.62 < np.sqrt(np.mean(np.square(z))) < 1
 
 
 @pytest.mark.battery
