@@ -1,6 +1,7 @@
 """Multistart: the global search finds a rendered ball on a path of every family."""
 
 from dataclasses import replace
+from functools import cache
 from threading import Barrier, get_ident
 
 import numpy as np
@@ -178,20 +179,32 @@ def test_the_search_is_deterministic():
     assert first.cost == second.cost
 
 
-@pytest.mark.xfail(strict=True, reason="hue alone is off by 0.017 px, the field by 0.013 px")
-def test_hue_gives_the_radius_of_shaded_balls():
-    """honest: rms z of 8 draws, before tiles of many hues"""
-    z, off = [], []
-    for seed in range(8):
+@cache
+def radii_of_shaded_balls():
+    """Errors of the radius by a smooth color and by hue, px, and that stated by hue, of 64 draws."""
+    rows = []
+    for seed in range(64):
         search = searched(BEFORE_TILES[LINE], seed).of_one_paint
         smooth = search.quick()
         hue = fitted_to_hue(smooth, search.bounds)
         sweep = sweep_of(Candidate(hue), photographed(BEFORE_TILES[LINE], seed)[0])
-        z.append((sweep.radius - RADIUS) / sweep.radius_std)
-        off.append([abs(state.shape[0] - RADIUS) for state in (smooth, hue)])
-    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
-    smooth_error, hue_error = np.mean(off, axis=0)
-    assert hue_error < smooth_error
+        rows.append([smooth.shape[0] - RADIUS, hue.shape[0] - RADIUS, sweep.radius_std])
+    return np.transpose(rows)
+
+
+@pytest.mark.battery
+def test_the_radius_of_shaded_balls_by_hue_has_an_honest_error():
+    """honest: before tiles of many hues"""
+    _, off, std = radii_of_shaded_balls()
+    assert 0.8 < np.sqrt(np.mean(np.square(off / std))) < 1.25
+
+
+@pytest.mark.battery
+@pytest.mark.xfail(strict=True, reason="hue alone is off by 0.020 px, the field by 0.019 px")
+def test_hue_gives_the_radius_of_shaded_balls():
+    """honest: before tiles of many hues"""
+    by_color, by_hue, _ = np.abs(radii_of_shaded_balls())
+    assert by_hue.mean() < by_color.mean()
 
 
 def test_hue_is_not_used_without_contrast_of_hue():
