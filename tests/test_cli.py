@@ -124,7 +124,8 @@ def test_first_line_is_the_grade(scene, tmp_path, graded):
     graded("assumed")
     first, second, *_ = solve(scene, tmp_path).stdout.splitlines()
     assert first == (
-        "assumed: the color is uncertain; alpha is known up to a factor of 1 ± 0.25, within 0.04"
+        "assumed: the color is uncertain; alpha is known up to a factor of 1 ± 0.25, within 0.04, "
+        "its sum within 25 %"
     )
     assert second.startswith("Solution(128x80, ")
     report = json.loads((tmp_path / "report.json").read_text())

@@ -62,7 +62,7 @@ def test_missing_grade_has_no_sentence(solution):
             "assumed",
             ["color"],
             "assumed: the color is uncertain; alpha is known up to a "
-            "factor of 1 ± 0.02, within 0.012",
+            "factor of 1 ± 0.02, within 0.012, its sum within 2 %",
         ),
     ],
 )
@@ -89,7 +89,7 @@ def test_every_reason_has_a_text(solution, reason):
 
 def test_error_of_the_scale_is_stated_as_a_factor(solution):
     (said,) = grade_in_words(solution(grade=Grade.ASSUMED, alpha_scale_std=0.25))
-    assert said == "assumed: alpha is known up to a factor of 1 ± 0.25"
+    assert said == "assumed: alpha is known up to a factor of 1 ± 0.25, its sum within 25 %"
     (said,) = grade_in_words(solution(grade=Grade.ASSUMED, alpha_scale_std=0.0, alpha_error=0.08))
     assert said == "assumed: alpha within 0.08"
 
@@ -426,3 +426,14 @@ def test_what_else_moved_is_named_by_its_box():
     assert also_moved(boxes[:1], 0) == ["also moved, choose with --region: 0,0,5,9"]
     (line,) = also_moved(boxes, 2)
     assert line.endswith("4,0,9,9 and 2 more; 2 more may be noise or compression")
+
+
+def test_error_of_the_sum_is_that_of_the_numbers(solution):
+    """Exact: not the error of the common factor alone, and not 0 % of what is small."""
+    for grade, scale, std, says in (
+        ("assumed", 0.018, 31.0, "31 %"),
+        ("confirmed", 0.0, 0.4, "0.4 %"),
+    ):
+        stats = {"alpha_scale_std": scale, "sum_alpha": 100.0, "sum_alpha_std": std}
+        (said,) = grade_in_words(solution(grade=Grade(grade), **stats))
+        assert said.endswith(f"its sum within {says}")

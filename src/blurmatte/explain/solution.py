@@ -193,7 +193,9 @@ def _number(name: str, stats: SolutionStats) -> str:
 def _errors(stats: SolutionStats, grade: Grade) -> list[str]:
     """Errors of alpha and of its sum, one standard deviation each."""
     error, scale = stats.alpha_error, stats.alpha_scale_std
-    said = []
+    of_sum, said = scale or 0.0, list[str]()
+    if stats.sum_alpha and stats.sum_alpha_std is not None:
+        of_sum = max(of_sum, abs(stats.sum_alpha_std / stats.sum_alpha))
     if stats.only_adds_light:
         within = "" if error is None else f", alpha 0 within {error:.2g}"
         return [f"it only adds light{within}"]
@@ -201,8 +203,8 @@ def _errors(stats: SolutionStats, grade: Grade) -> list[str]:
         said.append(f"alpha is known up to a factor of 1 ± {scale:.2g}")
     if error is not None:
         said.append(f"{'' if said else 'alpha '}within {error:.2g}")
-    if grade is not Grade.ASSUMED and scale is not None:
-        said.append(f"its sum within {rounded_std(100 * scale)} %")
+    if 0 < of_sum < 1:
+        said.append(f"its sum within {rounded_std(100 * of_sum)} %")
     return said
 
 
