@@ -58,7 +58,10 @@ def test_first_frame_may_be_late(tmp_path):
 def test_slow_motion_has_the_times_of_its_capture(tmp_path, name):
     # exact: layers are still played at the rate of the file
     path = save_times(tmp_path / "a.mp4", 512 * np.arange(6), tags={name: "240.0"})
-    with pytest.warns(BlurmatteWarning, match=rf"taken at 240 .*{name}.*, played at 30: times"):
+    with pytest.warns(
+        BlurmatteWarning,
+        match=rf"taken at 240 .*{name}.*, played at 30: unless a rate is given, times",
+    ):
         frames = read_frames(path, REC709)
     assert frames.rate == 240
     assert_allclose(frames.times, np.arange(6) / 240)

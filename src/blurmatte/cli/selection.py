@@ -126,7 +126,7 @@ class FrameSelection:
     """Which frames of a clip or of a row of pictures are used, and when they were taken."""
 
     frames: FrameRange = None
-    rate: float | None = optional("R", "Frames per second, for pictures.")
+    rate: float | None = optional("R", "Frames per second, instead of the file's.")
 
     def __post_init__(self) -> None:
         check_rate(self.rate)

@@ -318,10 +318,11 @@ def _as_captured(
     if 1 / _MIN_SPEED_RATIO < ratio < _MIN_SPEED_RATIO:
         return timing
     advice = (
-        f"times, speeds and scales are those of the capture; pass rate={played:.4g} to take them as "
-        "played"
+        "unless a rate is given, times, speeds and scales are those of the capture; "
+        f"rate= (--rate) {played:.4g} takes them as played"
         if constant
-        else "times are as played, not at one rate; cut out a part of one rate, and pass its true rate="
+        else "times are as played, not at one rate; cut out a part of one rate, and pass its true "
+        "rate= (--rate)"
     )
     warn(
         f"{path}: taken at {rate:.4g} frames per second ({name}), played at {played:.4g}: {advice}"
