@@ -47,7 +47,6 @@ from blurmatte.matting.smooth import Smooth, posterior_variance
 from blurmatte.matting.stats import SolutionStats, SweepSummary
 from blurmatte.matting.summary import Alternative, listed, streak_sums
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.calibration import OddsTerms
 from blurmatte.sweep.assess.model_selection import (
@@ -79,7 +78,6 @@ class WeightedHypotheses:
     weights: Array  #: (n,) probabilities, which sum to 1 and are 0 of what is impossible
     box: Box
     estimates: list[AlphaEstimate]  #: of all, in the box
-    patterned: OnPath | None  #: a disc with a pattern, for errors of path and radius alone
 
     @classmethod
     def of(cls, case: Case, without_shape: bool) -> "WeightedHypotheses":
@@ -109,8 +107,7 @@ class WeightedHypotheses:
         weights = np.zeros(len(possible))
         evidence = [one.evidence for one in (*shapes, *shapeless)]
         weights[possible] = hypothesis_probabilities(list(compress(evidence, possible)))
-        patterned = None if known.patterned is None else OnPath.of(*known.patterned)
-        return cls(shapes, shapeless, possible, weights, box, estimates, patterned)
+        return cls(shapes, shapeless, possible, weights, box, estimates)
 
     @property
     def all(self) -> list[FittedHypothesis]:
@@ -165,8 +162,7 @@ class WeightedHypotheses:
     def between_shapes(self, observation: Observation) -> Array:
         """Covariance (n, n) of the parameters of the first shape between the shapes that count.
 
-        It is 0 if the first leaves no residuals: others then differ from it by their noise. A pattern
-        differs by more: if brightness alone shows the rim, shading of another disc explains it as well.
+        It is 0 if the first leaves no residuals: others then differ from it by their noise.
         """
         first = self.shapes[0].sweep
         known = first.diagnostics
@@ -176,12 +172,7 @@ class WeightedHypotheses:
             weights = np.where(weights < MIN_WEIGHT, 0, weights)
             changes = np.stack([first.change_to(one.sweep) for one in self.shapes])
             between = np.asarray((changes.T * weights) @ changes / max(weights.sum(), MIN_WEIGHT))
-        if self.patterned is None:
-            return between
-        pair = [self.shapes[0].evidence, self.patterned.evidence]
-        change = first.change_to(self.patterned.sweep)
-        by_pattern = hypothesis_probabilities(pair)[1] * np.outer(change, change)
-        return larger_covariance(between, by_pattern) if between.any() else by_pattern
+        return between
 
     @property
     def opacity_error(self) -> float:
@@ -393,7 +384,6 @@ def _enlarged(
         std = np.hypot(std, alpha - size.repeated(rest, small))
     shapes = [one.enlarged(size) for one in shapes]
     shapeless = [one.enlarged(size) for one in found.shapeless]
-    patterned = None if found.patterned is None else found.patterned.enlarged(size)
     sweeps = [one.sweep for one in shapes]
     for weight, sweep in zip(weights[: len(shapes)], sweeps, strict=True):
         if weight.any():
@@ -404,7 +394,7 @@ def _enlarged(
     place = rows_columns(box, around)
     sum_std = size.cell**2 * average.sum_std
     total = AlphaEstimate(alpha[place], std[place], sum_std, average.scale_std)
-    found = replace(found, shapes=shapes, shapeless=shapeless, box=box, patterned=patterned)
+    found = replace(found, shapes=shapes, shapeless=shapeless, box=box)
     return found, total
 
 

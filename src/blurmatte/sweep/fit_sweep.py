@@ -245,7 +245,7 @@ def fit_hypotheses(
         # Without hues a dark object looks like a loss of light.
         if any(one.changes_plate for one in hypotheses) and not image.meta.one_channel:
             candidates = _in_likelier_light(candidates, request)
-        found = candidates.refined(with_pattern=len(hypotheses) > 1)
+        found = candidates.refined(request.limit if len(hypotheses) > 1 else None)
     # Nobody can give the color of a black thing in a gray picture.
     may_be_texture = plate.meta.guess_error is not None
     if model is None and not (image.meta.one_channel or may_be_texture or _is_solid(found.best)):
@@ -552,10 +552,12 @@ class _Candidates:
         errors = partial(replace, opacity_std=std, even_opacity_std=even_std)
         return replace(self, candidates=list(map(errors, self.candidates)))
 
-    def refined(self, with_pattern: bool) -> Hypotheses:
+    def refined(self, limit: TimeLimit | None) -> Hypotheses:
         """Their sweeps, the probable ones corrected for their file, in the order of `_sorted`.
 
-        with_pattern: whether they are compared with a disc with a pattern.
+        If a disc is the likeliest, and brightness alone shows its rim, a disc with a pattern is one of
+        them: shading of another disc may explain it as well.
+        limit: of the time; None if there is no such disc.
         """
         search, image = self.fits.search, self.fits.image
         probable = hypothesis_probabilities(self.evidence) > _MIN_REFINED_WEIGHT
@@ -568,6 +570,18 @@ class _Candidates:
             )
         ]
         sweeps, evidences, fitted = self._sorted(compared)
+        untried = self.untried
+        if limit is not None and self._may_be_another_disc(fitted[0]):
+            if limit.is_over:
+                untried += ("a disc with a pattern",)
+            else:
+                _LOG.info("fitting a disc with a pattern")
+                errors = fitted[0].opacity_std, fitted[0].even_opacity_std  # of all solid shapes
+                pattern = fit_patterns(self.fits.disc, search.bounds)[-1]
+                pattern = replace(pattern, opacity_std=errors[0], even_opacity_std=errors[1])
+                compared.append((sweep_of(pattern, image), _evidence(search.observation, pattern)))
+                more = replace(self, candidates=[*self.candidates, pattern])
+                sweeps, evidences, fitted = more._sorted(compared)
         if image.meta.transfer_assumed:
             sweeps = _with_curve_errors(sweeps, evidences, fitted, image, search)
         plate, streak = self.fits.plate, self.fits.streak
@@ -577,12 +591,16 @@ class _Candidates:
                 replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
                 for one in sweeps
             )
-        patterned = None
-        if with_pattern:
-            patterned = _patterned(self.fits.disc, fitted[0], search.bounds, image)
-        return Hypotheses(
-            search.observation, sweeps, evidences, plate, streak, self.untried, patterned
-        )
+        return Hypotheses(search.observation, sweeps, evidences, plate, streak, untried)
+
+    def _may_be_another_disc(self, likeliest: Candidate) -> bool:
+        """Whether a disc of which hue does not show the rim is the likeliest, without a pattern."""
+        disc = self.fits.disc
+        if not likeliest.silhouette.is_disc or likeliest.cast is not None:
+            return False
+        if has_pattern(disc) or not may_have_pattern(disc):
+            return False
+        return fitted_to_hue(disc, self.fits.search.bounds) is disc
 
     def _sorted(
         self, compared: Sequence[tuple[Sweep, Evidence]]
@@ -766,23 +784,6 @@ def _quick_disc(
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.
     known = sweep_of(Candidate(disc), image).diagnostics
     return disc, search, replace(sweep, diagnostics=known)
-
-
-def _patterned(
-    disc: State, likeliest: Candidate, bounds: tuple[float, float], image: LinearImage
-) -> tuple[Sweep, Evidence] | None:
-    """A disc with a pattern, and the evidence for it, if the likeliest shape is not fitted to hue.
-
-    A shape whose colors vary needs no pattern.
-    """
-    if has_pattern(disc) or not may_have_pattern(disc) or likeliest.cast is not None:
-        return None
-    if likeliest.state.observation.color.varied > 1:
-        return None
-    if fitted_to_hue(likeliest.state, bounds) is not likeliest.state:
-        return None
-    best = fit_patterns(disc, bounds)[-1]
-    return sweep_of(best, image), _evidence(disc.observation, best)
 
 
 def _may_be_painted(disc: State, model: ColorModel | None, image: LinearImage) -> bool:

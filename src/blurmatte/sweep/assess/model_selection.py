@@ -281,8 +281,6 @@ class Hypotheses:
     plate: LinearImage  # in the light that the object left on it, with its error
     streak: Streak  # the part of the picture that moved before that plate
     untried: tuple[str, ...] = ()  # what was not fitted, because the time was over
-    # A disc with a pattern, and the evidence for it, if hue does not show the rim
-    patterned: tuple[Sweep, Evidence] | None = None
 
     @property
     def best(self) -> Sweep:

@@ -1,4 +1,4 @@
-"""Discs with a pattern, for gray pictures and for objects of several colors in clips.
+"""Discs with a pattern: in gray pictures, where hue shows no rim, and of several colors in clips.
 
 Without hues alpha follows from brightness: a ball whose dark side is as bright as the plate looks
 smaller and displaced. So does a ball whose gloss or second paint has the hue of the plate. In this file
