@@ -119,6 +119,20 @@ def test_errors_contain_a_side_as_bright_as_the_wall():
     assert np.mean(np.array(over_claim) < 2) >= 0.95
 
 
+@pytest.mark.battery
+def test_squares_do_not_exchange_their_length_and_that_of_their_path():
+    """honest: both leave nearly the same light, and the order of an outline does not decide."""
+    off, claim = [], []
+    for seed in range(16):
+        case = KINDS["square"](draw(98_000 + seed))
+        solution = solve(*photograph(case.truth, FILES["PNG"], seed))
+        alpha = case.truth.layer.alpha
+        off.append(np.sqrt(np.mean((solution.layer.alpha - alpha)[alpha > 0] ** 2)))
+        claim.append(solution.stats.alpha_error)
+    assert max(off) < 0.1
+    assert np.mean(np.array(off) < 2 * np.array(claim)) >= 0.9
+
+
 def test_several_shapes_are_together_likelier_than_none():
     """exact: alpha without a shape has the largest weight, but the shapes have more together"""
     shapes, box = [None, None], (0, 0, 1, 1)

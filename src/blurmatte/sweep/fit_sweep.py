@@ -909,4 +909,4 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     added = state.silhouette.price(state.shape)
     if observation.prior is not None:
         added += observation.prior.cost(state.family, state.path, state.shape)
-    return replace(evidence, cost=evidence.cost + added)
+    return replace(evidence, cost=evidence.cost + added - candidate.unresolved)

@@ -19,7 +19,13 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
-from blurmatte.sweep.fit.outline import HIGHEST_ORDER, exchanged, fit_growing, fit_outline
+from blurmatte.sweep.fit.outline import (
+    HIGHEST_ORDER,
+    exchanged,
+    fit_growing,
+    fit_outline,
+    gain_of_resolution,
+)
 from blurmatte.sweep.fit.pattern import fit_patterns, has_pattern
 from blurmatte.sweep.fit.ranking import (
     Candidate,
@@ -150,7 +156,13 @@ class Outline(Hypothesis):
         """Of one paint: the best, and the same that exchanged its length and that of its path."""
         best = fit_outline(fits.disc)
         other = None if best is fits.disc else exchanged(best, fits.disc)
-        return [Candidate(one) for one in (best, other) if one is not None]
+        if other is None:
+            return [Candidate(best)]
+        gains = [gain_of_resolution(one, fits.search.bounds) for one in (best, other)]
+        return [
+            Candidate(one, unresolved=gain - min(gains))
+            for one, gain in zip((best, other), gains, strict=True)
+        ]
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from blurmatte.sweep.fit.outline import (
     changing,
     exchanged,
     fit_outline,
+    gain_of_resolution,
     outlined,
     stretched,
     turning,
@@ -167,6 +168,19 @@ def test_a_sheet_and_its_path_can_exchange_their_lengths_before_one_hue():
     lengths = [float(np.linalg.norm(one.curve[-1] - one.curve[0])) for one in (found, other)]
     assert sorted(lengths) == pytest.approx([14, 28], rel=0.15)
     assert abs(other.cost - found.cost) < 0.02 * disc.cost
+
+
+def test_sharper_corners_gain_where_the_order_limits_them():
+    """oracle: of squares of the highest order, as much as a fit of a higher order; others nothing."""
+    square = outline_of(replace(SQUARE, plate=WALL))
+    low, high = (
+        minimize(square.of_kind(replace(square.silhouette, order=order)), BOUNDS)
+        for order in (4, 12)
+    )
+    assert gain_of_resolution(low, BOUNDS) == 0
+    sharper = minimize(high.of_kind(replace(high.silhouette, order=32)), BOUNDS)
+    gain = gain_of_resolution(high, BOUNDS)
+    assert 0 < gain == pytest.approx(high.cost - sharper.cost, abs=2.0)
 
 
 def test_discs_and_shapes_that_turn_exchange_nothing():

@@ -27,6 +27,7 @@ from blurmatte.sweep.model.state import State, state_at
 _COARSE_RADIUS_PX = 5.0
 _SOFT_COARSE_RADIUS_PX = 4.0
 HIGHEST_ORDER = 12  # of the outlines that are fitted
+_RESOLVED_ORDER = 32  # of outlines with sharp corners: a 32nd of the circumference is about a pixel
 _FIRST_ORDER = 6  # of the outlines that all searches start with
 # Tried on large pixels from the best outline, and on small pixels in turn
 _COARSE_ORDERS = (2, 4, 8)
@@ -102,6 +103,19 @@ def exchanged(found: State, disc: State) -> State | None:
     path = found.family.starts(middle + (curve - middle) * length / moved)[0]
     start = state_at(found.observation, found.family, path, silhouette, shape)
     return minimize(start, _bounds_around(disc), _MAX_FINE_STEPS, ROUGH_TOLERANCE)
+
+
+def gain_of_resolution(found: State, bounds: tuple[float, float]) -> float:
+    """Nats that an outline of the highest order would gain if its corners were sharper, 0 or more.
+
+    Of two outlines that leave nearly the same light the one with more of its corners in the picture
+    would otherwise be the less likely.
+    """
+    silhouette = as_silhouette(found.silhouette)
+    if silhouette.order < HIGHEST_ORDER:
+        return 0.0
+    sharper = found.of_kind(replace(silhouette, order=_RESOLVED_ORDER))
+    return found.cost - minimize(sharper, bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE).cost
 
 
 def _bounds_around(disc: State) -> tuple[float, float]:

@@ -192,6 +192,8 @@ class Candidate:
     covariance: Array | None = None
     # (p, p) float: of these by a blur of the rim that is not known; None if it is
     rim_covariance: Array | None = None
+    # Nats by which the order of an outline limits its likelihood more than that of its rival
+    unresolved: float = 0.0
 
     @property
     def silhouette(self) -> FlatShape:
