@@ -5,10 +5,17 @@ from collections.abc import Mapping, Sequence
 
 from blurmatte.background import ClipShot
 from blurmatte.explain.motion import fall_in_words, scatter_in_words
+from blurmatte.explain.numbers import with_error
 from blurmatte.matting.maps import Grade
 from blurmatte.motion.clip.detections import FrameMotion
 from blurmatte.motion.clip.positions_3d import BallPlace
-from blurmatte.motion.clip.summary import ObjectSummary, frame_scatter, median_and_scatter, reliable
+from blurmatte.motion.clip.summary import (
+    ObjectSummary,
+    frame_scatter,
+    median_and_scatter,
+    reliable,
+    speeds_between,
+)
 
 
 def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> list[str]:
@@ -85,11 +92,26 @@ def summary_in_words(one: ObjectSummary, several: bool) -> list[str]:
             f"radius varies by {one.known.radius_std:.1%}, which is part of the error of the scale; "
             "give --transfer."
         )
+    if one.scale is not None and one.places is None:
+        said += _in_picture(speeds_between(rows, one.scale, one.known.line_time))
     said += [] if one.places is None else _in_space(rows, one.places)
     said += [] if one.fall is None else fall_in_words(one.fall)
     said += [f"No fall to check: {one.no_fall}."] if one.no_fall else []
     said += [f"Gravity was not used: {one.no_gravity}."] if one.no_gravity else []
     return said
+
+
+def _in_picture(speeds: Sequence[tuple[float, float]]) -> list[str]:
+    """How fast an object was parallel to the picture, m/s with errors; nothing if that is not known."""
+    if not speeds:
+        return []
+    low, high = (
+        f"{with_error(v, std)} m/s ({with_error(3.6 * v, 3.6 * std)} km/h)"
+        for v, std in (min(speeds), max(speeds))
+    )
+    return [
+        f"Its speed parallel to the picture, from frame to frame, was between {low} and {high}."
+    ]
 
 
 def _in_space(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None]) -> list[str]:

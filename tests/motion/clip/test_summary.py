@@ -15,7 +15,8 @@ from blurmatte.motion import (
     frame_scatter,
     link_sightings,
 )
-from blurmatte.motion.picture.motion import QUANTITIES
+from blurmatte.motion.clip.summary import speeds_between
+from blurmatte.motion.picture.motion import QUANTITIES, Scale
 
 STD, RADIUS_STD = 0.3, 0.1
 
@@ -131,3 +132,27 @@ def test_sentence_states_significance_of_scatter(place, count, said):
     """Exact: errors as stated, a difference by chance, a significant one."""
     (sentence,) = explain(Scatter(place, 1.0, count))
     assert sentence.endswith(said)
+
+
+@pytest.mark.parametrize(("line_time", "factor"), [(0.0, 1.0), (1e-5, 1 / 1.003)])
+def test_speeds_follow_from_places_times_and_scale(line_time, factor):
+    """Exact: 12 m/s, 10 px down in each thirtieth of a second; a rolling shutter adds 0.1 ms of 33."""
+    frames = [
+        FrameSightings(
+            k,
+            k / 30,
+            (sighted((50, 10.0 * k), (0, 5), STD, 0.5, 0.02, 12, 0.1, ends=((50, 10.0 * k),) * 2),),
+        )
+        for k in range(6)
+    ]
+    speeds = speeds_between(link_sightings(frames), Scale(0.04, 0.0004), line_time)
+    assert len(speeds) == 5
+    for speed, std in speeds:
+        assert speed == pytest.approx(12 * factor, rel=1e-4)
+        expected = np.hypot(np.sqrt(2) * STD / 10, 0.01)  # of two places, and of the scale
+        assert std == pytest.approx(expected * speed, rel=0.25)
+
+
+def test_no_speed_follows_without_times():
+    rows = [replace(row, time=None) for row in link_sightings(clip(np.random.default_rng(0), 8))]
+    assert speeds_between(rows, Scale(0.04, 0.0)) == []

@@ -6,6 +6,7 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -302,6 +303,41 @@ def mean_speed(
     share, apart = (max(shares) + min(shares)) / 2, (max(shares) - min(shares)) / 2
     error = math.hypot(std * share, length * share * T_std / T, length * apart)
     return length * share / T, error / T
+
+
+def speeds_between(
+    rows: Sequence[FrameMotion], scale: Scale, line_time: float = 0.0
+) -> list[Uncertain]:
+    """Speeds from each frame of a track to the next, m/s, and their errors with that of the scale.
+
+    Without exposure time: from places and times alone. Frames with doubts or at the border are left
+    out, and nothing follows without times.
+
+    Parameters
+    ----------
+    rows : sequence of FrameMotion
+        Of one object.
+    scale : Scale
+    line_time : float
+        Of a rolling shutter, seconds.
+    """
+    sound = [
+        (row.track, row.time, row.sighting)
+        for row in rows
+        if row.time is not None and row.sighting is not None and row.sighting.is_sound
+    ]
+    speeds = []
+    for (track, begun, one), (next_track, ended, other) in pairwise(sound):
+        time = ended - begun + line_time * (other.rows[0] - one.rows[0])
+        apart = other.motion.center - one.motion.center
+        length = float(np.linalg.norm(apart))
+        if track != next_track or not (time > 0 and length > 0):
+            continue
+        covariance = one.motion.center_covariance + other.motion.center_covariance
+        std = math.sqrt(apart @ covariance @ apart) / length
+        error = math.hypot(scale.meters_per_pixel * std, scale.std * length)
+        speeds.append((scale.meters_per_pixel * length / time, error / time))
+    return speeds
 
 
 def _durations(row: FrameMotion, time: Uncertain | None, line_time: float) -> list[float]:
