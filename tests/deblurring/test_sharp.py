@@ -267,6 +267,13 @@ def test_a_solution_is_deblurred_without_its_pictures(ball):
         bm.deblurring.deblur_solution(replace(solution, sweep=None))
 
 
+def test_numbers_of_a_sweep_are_refused_as_one(ball):
+    with pytest.raises(TypeError, match="sweep must be a Sweep, got str; use the `sweep` of a Sol"):
+        bm.deblur(ball.image, ball.plate, ["a disc"])
+    with pytest.raises(TypeError, match="sweep must be a Sweep, got Diagnostics"):
+        bm.deblur(ball.image, ball.plate, ball.sweep.diagnostics)
+
+
 def test_an_object_that_only_adds_light_is_refused(ball):
     """Door: it has no alpha, so that its color is not determined."""
     light = replace(ball.sweep, silhouette=ball.sweep.silhouette.with_opacity(0.0))

@@ -137,6 +137,11 @@ def test_a_factor_that_may_be_zero_gives_a_warning(solution, reasons, remedy):
     assert not doubts(solution(sum_alpha=100.0, sum_alpha_std=50.0, alpha_scale_std=0.49))
 
 
+def test_nobody_is_advised_to_give_the_color_in_a_gray_picture(solution):
+    (doubt,) = doubts(solution(sum_alpha=-50.0, sum_alpha_std=2.0, grade_reasons=("gray",)))
+    assert doubt.endswith("choose the object with a region.")
+
+
 def test_a_rough_guess_is_the_reason_of_a_sum_that_may_be_nothing(solution):
     """A color was not given: that it may be another explains nothing."""
     rough = solution(

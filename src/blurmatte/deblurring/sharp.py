@@ -238,10 +238,12 @@ def _together(
     sweep: Sweep | Sequence[Sweep],
     spin: Spin | None,
 ) -> list[tuple[LinearImage, LinearImage, Sweep]]:
-    """Each image with its plate and its sweep; ValueError if their numbers differ."""
-    images = [image] if isinstance(image, LinearImage) else list(image)
-    sweeps = [sweep] if isinstance(sweep, Sweep) else list(sweep)
-    plates = [plate] * len(images) if isinstance(plate, LinearImage) else list(plate)
+    """Each image with its plate and its sweep; TypeError or ValueError if they do not fit."""
+    images = list(image) if isinstance(image, Sequence) else [image]
+    sweeps = list(sweep) if isinstance(sweep, Sequence) else [sweep]
+    plates = list(plate) if isinstance(plate, Sequence) else [plate] * len(images)
+    for one in sweeps:
+        check_kind("sweep", one, Sweep, "use the `sweep` of a Solution")
     if not images or not len(images) == len(plates) == len(sweeps):
         raise ValueError(
             "give as many sweeps as images, and one plate or as many: got "

@@ -325,7 +325,9 @@ def _no_object(solution: Solution) -> list[str]:
     why = "what moved here may not have this color"
     if stats.rough_guess is not None:
         why = f"the scene is too rough to guess the plate (± {stats.rough_guess:.2g} of white)"
-    remedy = "choose the object with a region, or give its own color"
+    remedy = "choose the object with a region"
+    if not stats.is_gray:
+        remedy += ", or give its own color"
     if "plate" in stats.grade_reasons:
         remedy = "mark the object closely, or photograph the scene without it (--plate FILE)"
     return [
