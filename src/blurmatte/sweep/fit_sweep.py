@@ -577,9 +577,9 @@ class _Candidates:
             else:
                 _LOG.info("fitting a disc with a pattern")
                 errors = fitted[0].opacity_std, fitted[0].even_opacity_std  # of all solid shapes
-                pattern = fit_patterns(self.fits.disc, search.bounds)[-1]
+                pattern, evidence = _with_pattern(self.fits.disc, search, image)
                 pattern = replace(pattern, opacity_std=errors[0], even_opacity_std=errors[1])
-                compared.append((sweep_of(pattern, image), _evidence(search.observation, pattern)))
+                compared.append((sweep_of(pattern, image), evidence))
                 more = replace(self, candidates=[*self.candidates, pattern])
                 sweeps, evidences, fitted = more._sorted(compared)
         if image.meta.transfer_assumed:
@@ -793,6 +793,22 @@ def _may_be_painted(disc: State, model: ColorModel | None, image: LinearImage) -
     """
     is_varied = model is not None and model.rank > 1 and image.meta.sharing is None
     return is_varied and may_have_pattern(disc) and _opacity_of(disc).value == 1
+
+
+def _with_pattern(
+    disc: State, search: Multistart, image: LinearImage
+) -> tuple[Candidate, Evidence]:
+    """A disc with a pattern, and the evidence for it.
+
+    It is fitted to the light without what the file did to that of the disc, which it would imitate.
+    Its evidence differs from that of the disc by as much as in this light.
+    """
+    corrected = candidate_before_file(disc, image.meta.transfer or SRGB)
+    pattern = fit_patterns(corrected.state, search.bounds)[-1]
+    before, after = (_evidence(corrected.state.observation, one) for one in (corrected, pattern))
+    known = _evidence(search.observation, Candidate(disc))
+    evidence = replace(after, cost=known.cost + after.cost - before.cost)
+    return replace(pattern, chroma_blur=corrected.chroma_blur), evidence
 
 
 def _refined(

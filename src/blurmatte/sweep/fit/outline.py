@@ -27,7 +27,7 @@ from blurmatte.sweep.model.state import State, state_at
 _COARSE_RADIUS_PX = 5.0
 _SOFT_COARSE_RADIUS_PX = 4.0
 HIGHEST_ORDER = 12  # of the outlines that are fitted
-_RESOLVED_ORDER = 32  # of outlines with sharp corners: a 32nd of the circumference is about a pixel
+_RESOLVED_ORDER = 32  # at which corners of outlines of 30 pixels are sharp to about a pixel
 _FIRST_ORDER = 6  # of the outlines that all searches start with
 # Tried on large pixels from the best outline, and on small pixels in turn
 _COARSE_ORDERS = (2, 4, 8)
