@@ -13,6 +13,7 @@ from tests.motion.clip.sightings import sighted
 from tests.scenes import on_line
 
 import blurmatte as bm
+from blurmatte.explain.clip import clip_in_words
 from blurmatte.motion import Workers
 from blurmatte.motion.clip.measure import Detector
 from blurmatte.motion.clip.summary import KnownQuantities, clip_table
@@ -99,6 +100,26 @@ def test_speed_allows_for_rolling_shutter():
     impossible = clip_table(rows, None, [], replace(known, line_time=2e-4))
     assert impossible[1]["speed"] is None
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
+
+
+def test_frame_at_border_states_a_doubt_and_no_speed():
+    """Exact: no speed of what the border cuts, in the picture as in space; other frames keep theirs."""
+    seen = sighted((60, 40), (6, 8), length=100.0)
+    cut = replace(seen, measured=replace(seen.measured, at_border=True))
+    rows = [bm.motion.FrameMotion(k, k / 25, one, 1) for k, one in enumerate((seen, cut))]
+    known = KnownQuantities(exposure=(0.01, 0.0))
+    lines = clip_table(rows, None, [], known)
+    assert [line["speed"] for line in lines] == [pytest.approx(1e4), None]
+    assert [line["speed_std"] is None for line in lines] == [False, True]
+    assert lines[0]["doubts"] == ""
+    assert lines[1]["doubts"].startswith("It reaches the border of the picture")
+    assert "1 is doubtful" in clip_in_words(rows, "#ffffff", several=False)[1]
+    assert [not row.sighting.is_sound for row in rows] == [bool(line["doubts"]) for line in lines]
+    lens = bm.Intrinsics.from_focal_length(28, (1000, 1000), sensor_width=36)
+    places = bm.motion.places_in_space(rows, lens, radius=0.02)
+    assert [place.doubted for place in places] == [False, True]
+    in_space = clip_table(rows, places, [], replace(known, lens=lens))
+    assert [line["speed"] is None for line in in_space] == [False, True]
 
 
 def test_all_file_formats_agree(track, tmp_path):

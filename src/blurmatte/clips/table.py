@@ -97,7 +97,7 @@ class FrameRecord(TableRow):
             alpha_error=solution.stats.alpha_error,
             box=None if whole.empty else whole.box,
             layer=layer,
-            doubts="" if row.sighting is None else " ".join(row.sighting.motion.doubts),
+            doubts="" if row.sighting is None else " ".join(row.sighting.doubts),
         )
 
     @property

@@ -29,7 +29,7 @@ def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> lis
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
     tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
-    doubted = sum(bool(one.motion.doubts) for one in found)
+    doubted = sum(bool(one.doubts) for one in found)
     how = (
         f"{swept} measured from a shape on a path, {len(found) - swept} from the moments of alpha; of "
         f"{directed} the direction of time is known, and {doubted} "

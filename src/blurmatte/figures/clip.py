@@ -246,7 +246,7 @@ def _draw_scale_bar(pen: Any, size: tuple[int, int], per_meter: float) -> None:
 
 
 def _doubted(row: FrameMotion) -> bool:
-    return row.sighting is not None and bool(row.sighting.motion.doubts)
+    return row.sighting is not None and bool(row.sighting.doubts)
 
 
 def _motion(row: FrameMotion) -> Motion | None:
@@ -276,9 +276,11 @@ def _draw_path(
             continue
         if a.sighting is not None and b.sighting is not None:
             draw_line(pen, [a.sighting.motion.center, b.sighting.motion.center], scale, between)
-    for s in (row.sighting.motion for row in path if row.sighting is not None):
+    for row in path:
+        if (s := _motion(row)) is None:
+            continue
         ends = s.trajectory.xy[[0, -1]]
-        if s.doubts:
+        if _doubted(row):
             _draw_dashes(pen, ends, scale, between)
             continue
         draw_line(pen, ends, scale, style.BRIGHT)

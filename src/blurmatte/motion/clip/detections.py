@@ -15,6 +15,10 @@ from blurmatte.motion.columns import Column, TableRow
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.sweep.model.priors import MotionPrior
 
+_CUT = (
+    "It reaches the border of the picture: what is beyond is unknown, so that place, length and radius "
+    "may be off by more than their errors."
+)
 NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
 NO_COLOR = (  # of one that does not
     "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
@@ -116,7 +120,12 @@ class Sighting:
     @property
     def is_sound(self) -> bool:
         """Whether it is neither cut by the border nor doubtful."""
-        return not (self.measured.at_border or self.measured.doubts)
+        return not self.doubts
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why its numbers may be wrong: reasons of frame and clip, and that the border cuts it."""
+        return (*self.measured.doubts, *((_CUT,) if self.measured.at_border else ()))
 
     @property
     def stated(self) -> Sighting:
@@ -279,7 +288,7 @@ CLIP_COLUMNS: tuple[Column[FrameMotion], ...] = (
     _seen("residual_excess", "", lambda one: one.residual_excess),
     _seen("at_border", "", lambda one: one.motion.at_border),
     _seen("moved", "", lambda one: one.moved),
-    _seen("doubts", "", lambda one: " ".join(one.motion.doubts)),
+    _seen("doubts", "", lambda one: " ".join(one.doubts)),
     _seen("readout", "", lambda one: one.motion.readout),
     Column("directed", "", lambda row: None if row.sighting is None else row.directed),
     _seen("place_scatter", "", lambda one: one.place_scatter),

@@ -261,7 +261,7 @@ def _place(
         place = _of_disc(row, seen, intrinsics, radius)
     else:
         place = replace(BallPlace.of(ball, row.frame, row.time), track=row.track or 1)
-    doubted = bool(seen.motion.doubts) and (ball is None or seen.motion.has_shape)
+    doubted = bool(seen.doubts) and (ball is None or seen.motion.has_shape)
     time = None if row.time is None else row.time + line_time * seen.rows[0]
     return replace(place, doubted=doubted, time=time)
 

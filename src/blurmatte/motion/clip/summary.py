@@ -282,6 +282,8 @@ def mean_speed(
 ) -> Uncertain | None:
     """Mean speed within the exposure, from the path length; None if it is not known.
 
+    Nor is it where the border of the picture cuts the path.
+
     A rolling shutter shows what moves towards later rows for longer than the exposure, and what moves
     towards earlier ones for less. If the direction is not known, half of the difference is an error.
 
@@ -297,7 +299,8 @@ def mean_speed(
     """
     T, T_std = time or (1.0, 0.0)
     shares = [T / D for D in _durations(row, time, line_time) if D > 0]
-    if moved is None or not shares:
+    cut = row.sighting is not None and row.sighting.measured.at_border
+    if moved is None or cut or not shares:
         return None
     length, std = moved
     share, apart = (max(shares) + min(shares)) / 2, (max(shares) - min(shares)) / 2
