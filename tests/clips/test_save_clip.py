@@ -5,15 +5,20 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.clips.conftest import COLOR, COUNT, FIRST, LAST, NOISE
+from numpy.testing import assert_array_equal
+from tests.clips.conftest import COLOR, COUNT, FIRST, LAST, NOISE, RADIUS
+from tests.motion.clip.sightings import sighted
 
 import blurmatte as bm
+from blurmatte.figures import draw_clip
+from blurmatte.motion.clip.solving import as_solved
 from blurmatte.motion.clip.workers import Failure
-from blurmatte.sweep.model.priors import OpacityPrior
+from blurmatte.sweep.model.priors import MotionPrior, OpacityPrior
 
 NAMES = [f"layer.{k:06d}.exr" for k in range(FIRST, LAST + 1)]
 
@@ -87,6 +92,44 @@ def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
     before = contents(folder)
     assert saved(shot, folder).new == 0
     assert contents(folder) == before
+
+
+def test_sheet_shows_the_numbers_of_the_table(shot, once, monkeypatch):
+    """Exact: those of the solutions, also if none is made in this run; the border is a doubt."""
+    drawn = []
+
+    def noted(plate, rows, *words, **named):
+        drawn.extend(rows)
+        return draw_clip(plate, rows, *words, **named)
+
+    monkeypatch.setattr("blurmatte.clips.saving.draw_clip", noted)
+    records = {record.frame: record for record in saved(shot, once[0]).records}
+    seen = {row.frame: row.sighting for row in drawn if row.sighting}
+    assert sorted(seen) == sorted(records) == list(range(FIRST, LAST + 1))
+    for k, record in records.items():
+        motion = seen[k].motion
+        assert (*motion.center, motion.length) == (record.x, record.y, record.length)
+        assert (motion.radius, motion.radius_std) == (record.radius, record.radius_std)
+        assert " ".join(seen[k].doubts) == record.doubts
+        assert record.doubts.startswith("It reaches the border") == (k == LAST)
+
+
+def test_solution_has_no_doubt_of_a_detection_unless_it_disagrees(pictures):
+    """Exact: a doubt of the detection stays where the other frames say nothing of the solution."""
+    frames, plate = pictures
+    solution = bm.solve(frames[FIRST], plate, bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR)))
+    motion = bm.measure_motion(solution)
+    detection = sighted((500.0, 3.0), doubts=("Its position is off.",))
+    row = bm.motion.FrameMotion(FIRST, None, detection)
+    agrees = as_solved(replace(row, prior=MotionPrior(RADIUS, 0.1)), solution)
+    assert_array_equal(agrees.sighting.motion.center, motion.center)
+    assert agrees.sighting.doubts == motion.doubts == ()
+    assert as_solved(row, solution).sighting.doubts == ("Its position is off.",)
+    alone = replace(solution, stats=replace(solution.stats, grade_reasons=("clip",)))
+    assert as_solved(row, alone).sighting.doubts[0].startswith("Its path or radius contradicts")
+    nothing = replace(solution, alpha=np.zeros_like(solution.alpha), sweep=None)
+    assert as_solved(row, nothing).sighting is None
+    assert "alpha sums to 0.0" in as_solved(row, nothing).reason
 
 
 def test_transfer_curves_belong_to_the_key(tmp_path, pictures):

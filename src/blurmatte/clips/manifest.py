@@ -58,6 +58,8 @@ def _motion(value: dict[str, Any]) -> Motion:
 class Finished:
     """A line: a frame that is measured, the record of a layer, or names of layers without a record.
 
+    That of a layer has what was measured in its solution.
+
     Parameters
     ----------
     shot : int

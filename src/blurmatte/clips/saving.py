@@ -33,7 +33,8 @@ from blurmatte.matting.case import Solver
 from blurmatte.matting.maps import Grade
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.cadence import Cadence
-from blurmatte.motion.clip.solving import FrameSolver, check_clip_solver
+from blurmatte.motion.clip.detections import Sighting
+from blurmatte.motion.clip.solving import FrameSolver, as_solved, check_clip_solver
 from blurmatte.motion.clip.steps import ClipInputs, ClipMeasured, measured, shots_of, solved
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.motion.columns import html_table
@@ -218,18 +219,21 @@ class _LayerWriter:
     shot: int
     complete: bool
 
-    def __call__(self, frames: Sequence[LinearImage], row: FrameMotion) -> FrameRecord:
-        """Solve a frame, given alone, write its layer, and return its record."""
+    def __call__(self, frames: Sequence[LinearImage], row: FrameMotion) -> Finished:
+        """Solve a frame, given alone, write its layer, and return its record and what it shows."""
         frame, number = row.place
         solution = self.solver(frames, row)
         if isinstance(solution, str):
-            return FrameRecord(frame, row.time, number, self.shot, reason=solution)
+            record = FrameRecord(frame, row.time, number, self.shot, reason=solution)
+            return Finished(self.shot, layer=record)
         name = self.files.name(frame, number)
         path = self.files.folder / name
         if self.files.several:
             path.parent.mkdir(exist_ok=True)
         write(path, solution if self.complete else solution.layer)
-        return FrameRecord.of(row, self.shot, solution, name)
+        row = as_solved(row, solution)
+        seen = FrameSightings(frame, row.time, () if row.sighting is None else (row.sighting,))
+        return Finished(self.shot, seen, FrameRecord.of(row, self.shot, solution, name))
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,11 +291,23 @@ class _RunProgress:
 
     manifest: Manifest[Finished]
     rows: list[FrameMotion] = field(default_factory=list)
+    solved: dict[tuple[int, int], Sighting] = field(default_factory=dict)
     records: list[FrameRecord] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     plates: list[LinearImage] = field(default_factory=list)
     parallax: list[ParallaxRegion] = field(default_factory=list)  # of the first shot
     new: int = 0
+
+    def shown(self) -> list[FrameMotion]:
+        """The rows with what was measured in their solutions; detections without one are in doubt."""
+        return [
+            row
+            if row.sighting is None
+            else replace(
+                row, sighting=self.solved.get(row.place) or row.sighting.with_doubts("No layer.")
+            )
+            for row in self.rows
+        ]
 
 
 def _digest(values: AnyArray) -> str:
@@ -366,11 +382,11 @@ def _shot(
 ) -> Iterator[FrameSightings | FrameRecord]:
     """Measure and solve the frames of a shot that are not done."""
     finished = [one for one in work.manifest.finished if one.shot == number]
-    seen = [one.seen for one in finished if one.seen is not None]
+    seen = [one.seen for one in finished if one.seen is not None and one.layer is None]
     done = {
-        (record.frame, record.object): record
-        for record in (one.layer for one in finished)
-        if record is not None and (not record.layer or (folder / record.layer).exists())
+        (one.layer.frame, one.layer.object): one
+        for one in finished
+        if one.layer is not None and (not one.layer.layer or (folder / one.layer.layer).exists())
     }
     clip = ClipInputs(
         *(run.frames[shot.start : shot.stop], run.plate, run.model),
@@ -397,16 +413,21 @@ def _shot(
         if isinstance(outcome, Failure):
             work.problems.append(f"frame {row.frame}: {outcome.error}")
             continue
-        work.manifest.append(Finished(number, layer=outcome))
-        done[outcome.frame, outcome.object] = outcome
+        work.manifest.append(outcome)
+        done[row.place] = outcome
         work.new += 1
-        yield outcome
+        if outcome.layer is not None:
+            yield outcome.layer
+    for place, one in done.items():
+        for solved_one in () if one.seen is None else one.seen.found:
+            work.solved[place] = found.on_canvas(place[0], solved_one)
     empty = [
         FrameRecord(row.frame, row.time, 1, number, reason=row.reason)
         for row in found.rows
         if row.sighting is None and row.something_moved and row.place not in done
     ]
-    work.records += sorted([*done.values(), *empty], key=lambda one: (one.frame, one.object))
+    records = [one.layer for one in done.values() if one.layer is not None]
+    work.records += sorted([*records, *empty], key=lambda one: (one.frame, one.object))
 
 
 def _finished(
@@ -442,7 +463,7 @@ def _written(
     grades = Counter(record.grade for record in work.records if record.layer)
     words = saved_in_words(grades, shots, len(work.plates)) + work.problems[:3]
     mattes = _mattes(run, folder, work.records)
-    write(files[-1], draw_clip(work.plates[0], work.rows, words, name=run.name, mattes=mattes))
+    write(files[-1], draw_clip(work.plates[0], work.shown(), words, name=run.name, mattes=mattes))
     if run.extension in MOVIES:
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:

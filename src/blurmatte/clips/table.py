@@ -32,7 +32,8 @@ class FrameRecord(TableRow):
     shot : int
         Number of the shot, from 1.
     x, y, radius, radius_std, length : float or None
-        Middle of the path, radius and length of the path, pixels; None without a shape.
+        Mean place, radius and length of the path of the solution, pixels, as `measure_motion` gives
+        them and as the sheet shows them; None if nothing can be measured.
     sum_alpha, sum_alpha_std : float or None
         Pixels.
     color : str
@@ -48,7 +49,7 @@ class FrameRecord(TableRow):
     reason : str
         Why there is no layer.
     doubts : str
-        Why its first measurement, which the sheet shows, may be wrong.
+        Why these numbers may be wrong.
 
     Examples
     --------
@@ -78,12 +79,12 @@ class FrameRecord(TableRow):
 
     @classmethod
     def of(cls, row: FrameMotion, shot: int, solution: Solution, layer: str) -> FrameRecord:
-        """The record of a solution."""
+        """The record of a solution, and of the row that it measures (`as_solved`)."""
         inside, whole, shape = solution.streak & solution.known, solution.layer, dict[str, Any]()
-        if (sweep := solution.sweep) is not None:
-            x, y = sweep.family.curve(sweep.path)[16]
-            shape = {"x": float(x), "y": float(y), "length": float(sweep.length)}
-            shape |= {"radius": float(sweep.radius), "radius_std": float(sweep.radius_std)}
+        if (seen := row.sighting) is not None:
+            (x, y), motion = seen.motion.center.tolist(), seen.motion
+            shape = {"x": x, "y": y, "length": motion.length}
+            shape |= {"radius": motion.radius, "radius_std": motion.radius_std}
         return cls(
             row.frame,
             row.time,
@@ -97,7 +98,7 @@ class FrameRecord(TableRow):
             alpha_error=solution.stats.alpha_error,
             box=None if whole.empty else whole.box,
             layer=layer,
-            doubts="" if row.sighting is None else " ".join(row.sighting.doubts),
+            doubts=row.reason if seen is None else " ".join(seen.doubts),
         )
 
     @property

@@ -19,17 +19,19 @@ import numpy as np
 from blurmatte.background import Matching
 from blurmatte.checks import Array, check_kind, enclosing
 from blurmatte.color.model import ColorModel
-from blurmatte.errors import BlurmatteError, BlurmatteWarning
+from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
+from blurmatte.motion.clip.cadence import is_repeat
 from blurmatte.motion.clip.clip_path import mistake_probability, with_priors
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, by_object
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Part, StaticScene, box_in_frame
 from blurmatte.motion.clip.smoothing import MIN_OUTLIER_PROBABILITY
 from blurmatte.motion.clip.workers import Workers, spread_out, successes
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedFrame, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
@@ -45,6 +47,7 @@ SILHOUETTE_FRAMES = 4  # in which a disc is compared with other silhouettes at a
 _STARTS = (0.0, 0.5, 0.25)  # of the rounds of frames, of the distance between these
 _SILHOUETTE_STARTS = (*_STARTS, 0.75, 0.125, 0.625)
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
+_ALONE = "Its path or radius contradicts the other frames, so that it was solved alone."
 _Found = Callable[[Sequence[FrameMotion]], Iterator[Any]]  # what is found in frames given alone
 
 
@@ -373,6 +376,31 @@ def _start(sighting: Sighting, model: ColorModel, prior: MotionPrior | None) -> 
         path = prior.path.points.ravel()
     radius = sighting.motion.radius if prior is None else prior.radius
     return swept_disc(PARABOLA, path, radius, model, (x1 - x0, y1 - y0))
+
+
+def as_solved(row: FrameMotion, solution: Solution) -> FrameMotion:
+    """The row with what its solution in the whole picture measures; with a reason if that is nothing.
+
+    A solution that agrees with the other frames has no doubts of the detection.
+    """
+    one, sweep = row.sighting, solution.sweep
+    try:
+        motion = measure_motion(solution)
+    except MotionError as error:
+        return replace(row, sighting=None, reason=str(error))
+    doubts: tuple[str, ...] = ()
+    if _CONTRADICTS in solution.stats.grade_reasons:
+        doubts = (_ALONE,)
+    elif one is not None and (row.prior is None or is_repeat(one)):
+        doubts = one.measured.doubts
+    box, excess = solution.layer.box, 1.0 if sweep is None else sweep.diagnostics.residual_excess
+    solved = Sighting(
+        replace(motion, sweep=None, doubts=motion.doubts + doubts),
+        *(solution.model.color, 0.0 if one is None else one.evidence),
+        *(excess, box if one is None else one.box),
+        backward=one is not None and one.backward,
+    )
+    return replace(row, sighting=solved)
 
 
 def swept_disc(

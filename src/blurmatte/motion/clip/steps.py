@@ -20,7 +20,7 @@ from blurmatte.errors import ColorModelError
 from blurmatte.matting.case import Solver
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.color import color_in_scene, seen_color
-from blurmatte.motion.clip.detections import FrameMotion, FrameSightings
+from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.measure import Detector, scene_of
 from blurmatte.motion.clip.scene import StaticScene, clip_plate, path_before, survey
@@ -116,8 +116,12 @@ class ClipInputs:
 
 def _on_canvas(one: FrameSightings, camera: CameraPath, index: int) -> FrameSightings:
     """The detections of a frame in pixels of the canvas."""
-    points = partial(camera.to_canvas, index)
-    return replace(one, found=tuple(sighting.mapped(points) for sighting in one.found))
+    return replace(one, found=tuple(_mapped(seen, camera, index) for seen in one.found))
+
+
+def _mapped(one: Sighting, camera: CameraPath, index: int) -> Sighting:
+    """A detection in pixels of the canvas."""
+    return one.mapped(partial(camera.to_canvas, index))
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +157,10 @@ class ClipMeasured:
             return self.rows
         index_of = self.clip.index_of
         return [row.mapped(partial(camera.to_frame, index_of[row.frame])) for row in self.rows]
+
+    def on_canvas(self, frame: int, one: Sighting) -> Sighting:
+        """A detection in a frame in pixels of the plate."""
+        return one if self.camera is None else _mapped(one, self.camera, self.clip.index_of[frame])
 
     @property
     def color(self) -> ColorModel:
