@@ -81,6 +81,8 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
         (("--region", "9,9,1,1", "--layers", "exr"), "must lie in the picture"),
         (("--color", "12,12"), "give --color as hex or a model file"),
         (("--max-brightness", "0.9"), "--max-brightness is for a single picture"),
+        (("--match", "exposure"), "--match exposure is for single pictures"),
+        (("--noise", "noise.json"), "--noise is for single pictures"),
         (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
         (("--table", "xlsx"), "--table must be csv or parquet"),
         (("--frames", "7:9"), "they are numbered 1001 to 1005"),
@@ -88,6 +90,8 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
     ],
 )
 def test_options_that_do_not_fit_are_refused(shot, tmp_path, options, message):
+    bm.write(tmp_path / "noise.json", bm.NoiseModel(read_std=0.01))
+    options = [tmp_path / one if one == "noise.json" else one for one in options]
     result = run("solve", shot / "f.####.exr", "-o", tmp_path / "o", *options)
     assert result.exit_code == 2
     assert message in result.stderr

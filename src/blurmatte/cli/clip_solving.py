@@ -130,6 +130,7 @@ def solve_clip(
     """Write a layer for each frame of a clip, and say what came of it."""
     from blurmatte.motion.clip.workers import return_freed_memory
 
+    _check_used(plate, selection)
     if options.scheduler is not None:  # its workers run in other folders
         images = [str(Path(image).absolute()) for image in images]
     folder = out.with_suffix("") if _is_movie(out) else out
@@ -159,6 +160,19 @@ def solve_clip(
         os.replace(folder / "layers.mov", out)
     _answer(report, folder, out, as_json)
     _check_grades(report, required)
+
+
+def _check_used(plate: MaybePlate, selection: Selection) -> None:
+    """Raise ValueError for options that would change nothing."""
+    if selection.reading.camera_noise is not None:
+        raise ValueError(
+            "--noise is for single pictures; that of a clip is measured in its frames: leave it out"
+        )
+    if plate.match != "auto":
+        raise ValueError(
+            f"--match {plate.match} is for single pictures; the plate of a clip is compared with each "
+            "frame as it is, but for its light: leave --match out"
+        )
 
 
 def _is_movie(out: Path) -> bool:
