@@ -15,7 +15,7 @@ from blurmatte.motion import (
     frame_scatter,
     link_sightings,
 )
-from blurmatte.motion.clip.summary import speeds_between
+from blurmatte.motion.clip.summary import median_radius, speeds_between
 from blurmatte.motion.picture.motion import QUANTITIES, Scale
 
 STD, RADIUS_STD = 0.3, 0.1
@@ -111,6 +111,16 @@ def test_outlier_gets_doubt(name, wrong):
     assert [row.frame for row in rows if row.sighting.motion.doubts] == [20]
     assert rows[20].sighting.motion.doubts[0].startswith(f"Its {name} is ")
     assert_allclose(rows[20].sighting.motion.values, off.motion.values)
+
+
+def test_one_small_error_does_not_make_the_scale_certain():
+    """Exact: the radius is as uncertain as it usually is in a frame, not as in the best of them."""
+    stds = [0.4] * 11 + [0.03]
+    rows = [
+        FrameMotion(k, k / 30, sighted((k, 0), radius=13.5, radius_std=std), 1)
+        for k, std in enumerate(stds)
+    ]
+    assert median_radius(rows) == (13.5, 0.4)
 
 
 def test_no_scatter_for_few_frames():

@@ -355,6 +355,9 @@ def _durations(row: FrameMotion, time: Uncertain | None, line_time: float) -> li
 def median_radius(rows: Sequence[FrameMotion]) -> Uncertain:
     """Median of the radii, pixels, and its error from their scatter.
 
+    It is at least the usual error of a frame: codec and lens may shift all radii alike, which no
+    scatter shows.
+
     Raises
     ------
     MotionError
@@ -366,7 +369,7 @@ def median_radius(rows: Sequence[FrameMotion]) -> Uncertain:
     middle, scatter = median_and_scatter(found)
     # The median of normal numbers scatters by √(π/2) times as much as their mean.
     std = math.sqrt(math.pi / 2 / len(found)) * scatter
-    return middle, max(std, min(one.motion.radius_std for one in found))
+    return middle, max(std, statistics.median(one.motion.radius_std for one in found))
 
 
 def reliable(rows: Sequence[FrameMotion]) -> list[Sighting]:
