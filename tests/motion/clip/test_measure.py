@@ -313,6 +313,14 @@ def test_slow_object_does_not_decide_color():
     assert abs(color.pole @ MODEL.pole) > np.cos(0.05)
 
 
+def test_one_frame_does_not_decide_color():
+    """Oracle: what flies by in one of three frames, in it much stronger and faster than the ball."""
+    bird = Ball(12, color=(0.95, 0.3, 0.9))
+    paths = [((20, 90), (120, 96)), *[((-400, -400), (-390, -400))] * 2]
+    color = color_of_ball_with(bird, paths, length=22, seed=8)
+    assert abs(color.pole @ MODEL.pole) > np.cos(0.05)
+
+
 def test_bar_is_measured_from_moments(clip):
     """Oracle: the mean of alpha of a long bar, in coordinates of the whole picture."""
     plate = clip[1]

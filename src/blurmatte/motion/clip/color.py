@@ -66,11 +66,12 @@ def clip_color(
     """The color of the moving object in a clip, from some of its frames together.
 
     Every streak that a shape on a path explains votes for its color, in 4 to 24 frames all over the
-    clip, until enough frames agree. The weight of a vote is the evidence of the streak times the square
-    of its length in radii: a fist that holds a string may be as bright as the ball on it, but hardly
-    moves. The largest sum of similar colors wins. Streaks at the border of the picture vote only if no
-    other streak is explained. The log Bayes factors of these votes for more than one paint are added;
-    any of them may mislead, as often as votes are for other colors.
+    clip, until enough frames agree. Each frame has one vote, so that none decides alone, however bright
+    something is in it. Its streaks share the vote by their evidence times the square of their length in
+    radii: a fist that holds a string may be as bright as the ball on it, but hardly moves; alone in a
+    frame it has a small part of a vote. The largest sum of similar colors wins. Streaks at the border
+    of the picture vote only if no other streak is explained. The log Bayes factors of these votes for
+    more than one paint are added; any of them may mislead, as often as votes are for other colors.
 
     Parameters
     ----------
@@ -210,13 +211,18 @@ class _Voter:
             with suppress(BlurmatteError):
                 found += [(part, streak) for streak in find_streaks(*part)]
         found.sort(key=lambda one: -one[1].evidence)
-        votes = (self._vote(*one, frame.size) for one in found[:_STREAKS_PER_FRAME])
-        return [vote for vote in votes if vote is not None]
+        several = (self._vote(*one, frame.size) for one in found[:_STREAKS_PER_FRAME])
+        votes = [vote for vote in several if vote is not None]
+        total = sum(strength for _, strength, _ in votes) or 1.0
+        return [(colors, trust * strength / total) for colors, strength, trust in votes]
 
     def _vote(
         self, part: Part, streak: Streak, size: tuple[int, int]
-    ) -> tuple[DiscColors, float] | None:
-        """Colors and weight of a streak in a picture of a size; None if no sweep explains it."""
+    ) -> tuple[DiscColors, float, float] | None:
+        """Colors of a streak in a picture of a size; None if no sweep explains it.
+
+        Also its strength among others in the frame, and from 0 to 1 how clearly it moved.
+        """
         x, y = box_in_frame(part)[:2]
         x0, y0, x1, y1 = streak.box
         if self.inside != (min(x + x0, y + y0, size[0] - x - x1, size[1] - y - y1) > 0):
@@ -229,5 +235,5 @@ class _Voter:
         if sweep.rejection:
             return None
         uncertainty = sweep.radius_std / (_RELATIVE_RADIUS_STD * sweep.radius)
-        moved = streak.evidence * (sweep.length / sweep.radius) ** 2
-        return colors, moved / (1 + uncertainty**2)
+        moved, sure = (sweep.length / sweep.radius) ** 2, 1 / (1 + uncertainty**2)
+        return colors, sure * moved * streak.evidence, sure * moved / (1 + moved)
