@@ -33,6 +33,10 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 
+# Fits of a sweep to light corrected for its file: the first prediction has the rim that the file
+# blurred, and each fit removes about half of that blur
+_MAX_CORRECTIONS = 8
+
 
 def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     """The sweep of a state of an image before its codec; the same if its quantizers are not known."""
@@ -92,9 +96,11 @@ def corrected_for_file(state: State, transfer: Transfer) -> State:
     """A sweep that was fitted to the light of a file, fitted to its light before the file."""
     observed, blur = state.observation, chroma_blur_std(state)
     bounds = state.radius / 2, state.radius * 2
-    for _ in range(2):  # the second correction starts from the shape of the first
-        before = light_before_file(observed, state, transfer, blur)
-        state = minimize(state.relit(before), bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)
+    for _ in range(_MAX_CORRECTIONS):
+        start = state.relit(light_before_file(observed, state, transfer, blur))
+        state = minimize(start, bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)
+        if start.cost - state.cost < ROUGH_TOLERANCE:
+            break
     return state
 
 
