@@ -171,6 +171,7 @@ def test_frame_that_contradicts_the_others_is_solved_alone(prepared, truth):
     wrong = replace(one, prior=replace(one.prior, path=path))
     solution = solver(frames[one.frame : one.frame + 1], wrong)
     assert "clip" in solution.stats.grade_reasons
+    assert solution.stats.grade <= bm.Grade.PLAUSIBLE
     assert solution.sweep.diagnostics.prior_probability > 0.1  # of a disc's silhouette alone
     error = np.where(solution.known, solution.alpha, 0) - truth[one.frame].alpha
     assert np.sqrt(np.mean(error[truth[one.frame].alpha > 0] ** 2)) < 0.02

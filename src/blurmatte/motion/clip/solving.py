@@ -22,6 +22,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting.case import Solver
 from blurmatte.matting.hypotheses import Swept
+from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import shape_odds, solve
 from blurmatte.motion.clip.cadence import is_repeat
@@ -140,7 +141,9 @@ class FrameSolver:
         silhouette = prior.of_silhouette if prior.is_disc else None
         alone = own._solution(part, streak, None, silhouette)
         reasons = (_CONTRADICTS, *alone.stats.grade_reasons)
-        return part, replace(alone, stats=replace(alone.stats, grade_reasons=reasons))
+        grade = min(alone.stats.grade or Grade.ASSUMED, Grade.PLAUSIBLE)  # frames disagree
+        stats = replace(alone.stats, grade=grade, grade_reasons=reasons)
+        return part, replace(alone, stats=stats)
 
     def _prepared(
         self, frame: CodedFrame, row: FrameMotion
