@@ -224,6 +224,18 @@ def check_light(name: str, value: object) -> Floats:
     return light
 
 
+def are_codes(numbers: Floats) -> bool:
+    """True if all are whole, with several above 1: code values, not light of which 1 is white.
+
+    One value above 1 may be the clipped light of a lamp.
+    """
+    middle = numbers[len(numbers) // 2]  # nearly all light is known by one row
+    if not (np.array_equal(middle, np.rint(middle)) and np.array_equal(numbers, np.rint(numbers))):
+        return False
+    above = numbers[numbers > 1]
+    return above.size > 0 and bool(above.min() < above.max())
+
+
 def check_channels(name: str, value: AnyArray) -> None:
     """Raise ValueError unless the shape is (height, width, 3); the usual others have a remedy."""
     shape = value.shape

@@ -26,7 +26,7 @@ def plate():
 
 
 def test_picks_are_the_pixels_within_the_radius():
-    image = LinearImage(np.arange(60, dtype=float).reshape(4, 5, 3))
+    image = LinearImage(np.arange(60).reshape(4, 5, 3) / 60)
     picked = pick_colors(image, x=2, y=1, radius=1)
     expected = [image.rgb[y, x] for y, x in ((0, 2), (1, 1), (1, 2), (1, 3), (2, 2))]
     assert np.array_equal(picked, expected)
@@ -34,7 +34,7 @@ def test_picks_are_the_pixels_within_the_radius():
 
 @pytest.mark.parametrize(("x", "y", "pixel"), [(4.4, 3.4, (3, 4)), (-0.4, 0.2, (0, 0))])
 def test_nearest_pixel_is_always_included(x, y, pixel):
-    image = LinearImage(np.arange(60, dtype=float).reshape(4, 5, 3))
+    image = LinearImage(np.arange(60).reshape(4, 5, 3) / 60)
     assert np.array_equal(pick_colors(image, x, y, radius=0), [image.rgb[pixel]])
 
 

@@ -36,9 +36,9 @@ def test_background_of_any_size_keeps_its_light(size):
 
 def test_background_is_scaled_around_its_center():
     x = np.broadcast_to(np.arange(80.0)[:, None], (60, 80, 3)).astype(np.float32)
-    half = cover(LinearImage(x), (30, 30))
+    half = cover(LinearImage(x / 80), (30, 30))
     assert_allclose(
-        half.rgb[:, 3:-3, 0], np.tile(2 * np.arange(30) + 10.5, (30, 1))[:, 3:-3], atol=0.01
+        80 * half.rgb[:, 3:-3, 0], np.tile(2 * np.arange(30) + 10.5, (30, 1))[:, 3:-3], atol=0.01
     )
 
 

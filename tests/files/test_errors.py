@@ -162,6 +162,14 @@ def test_nan_and_infinity_are_counted(tmp_path, bad, extension):
     assert "2 of 20 pixels are NaN, infinite, or beyond" in refusal(path)
 
 
+@pytest.mark.parametrize("transfer", [None, SRGB])
+def test_code_values_that_are_stored_as_floats_are_rejected(tmp_path, transfer):
+    codes = np.random.default_rng(0).integers(0, 256, (4, 5, 3)).astype(np.float32)
+    tifffile.imwrite(tmp_path / "a.tif", codes, photometric="rgb")
+    with pytest.raises(FileError, match="divide it so that 1 is white; its floats are code values"):
+        read(tmp_path / "a.tif", transfer)
+
+
 def test_nan_in_alpha_is_counted(tmp_path):
     rgba = np.zeros((4, 5, 4), np.float32)
     rgba[0, 0, 3] = np.nan

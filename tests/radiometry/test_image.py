@@ -72,11 +72,20 @@ def test_decode_applies_the_curve(dtype, transfer):
         (np.zeros((0, 6, 3)), ValueError, r"\(height, width, 3\), got \(0, 6, 3\)"),
         (np.full((4, 6, 3), np.nan), ValueError, "rgb must be finite; .* mark them in `valid`"),
         (np.full((4, 6, 3), -np.inf), ValueError, "rgb must be finite"),
+        (np.arange(72.0).reshape(4, 6, 3), ValueError, "1 is white, got whole numbers up to 71;"),
     ],
 )
 def test_rejects_light_of_other_dtypes_and_shapes(rgb, error, words):
     with pytest.raises(error, match=words):
         LinearImage(rgb)
+
+
+@pytest.mark.parametrize("lamp", [16.0, 255.0])
+def test_light_above_white_is_no_code_value(rgb, lamp):
+    bright = 300 * rgb
+    bright[0, 0] = lamp
+    assert LinearImage(bright).rgb.max() > 100
+    LinearImage(np.where(rgb > 0.5, lamp, 0.0))  # a part of it that is dark, or clipped
 
 
 @pytest.mark.parametrize(

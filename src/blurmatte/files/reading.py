@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blurmatte.checks import MAX_LIGHT, Bools, Floats, check_kind
+from blurmatte.checks import MAX_LIGHT, Bools, Floats, are_codes, check_kind
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.errors import check_premultiplied, format_of
@@ -189,6 +189,11 @@ def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
     """Light of code values by table, of floats by formula; `valid` where not saturated."""
     colors = raster.colors
     if encoding is None or colors.dtype.kind == "f":
+        if are_codes(colors):
+            raise FileError(
+                f"{raster.path}: save it as integers of 8 or 16 bits, or divide it so that 1 is white; "
+                f"its floats are code values, whole numbers up to {colors.max():g}"
+            )
         light = to_light(colors, encoding)
         _check_finite(raster.path, light)
         return LinearImage(light)

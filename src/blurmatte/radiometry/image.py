@@ -15,6 +15,7 @@ from blurmatte.checks import (
     Bools,
     Direction,
     Floats,
+    are_codes,
     as_array,
     check_box,
     check_channels,
@@ -193,8 +194,8 @@ class LinearImage(Displayed):
     Raises
     ------
     TypeError, ValueError
-        For arrays of another dtype or shape, NaN and infinite values, light beyond a million times
-        white, negative variances.
+        For arrays of another dtype or shape, code values, NaN and infinite values, light beyond a
+        million times white, negative variances.
 
     Examples
     --------
@@ -214,6 +215,11 @@ class LinearImage(Displayed):
         rgb, valid = without_mask(self.rgb, self.valid)
         rgb = check_light("rgb", rgb)
         check_finite("rgb", rgb)
+        if are_codes(rgb):
+            raise ValueError(
+                f"rgb must be linear light, 1 is white, got whole numbers up to {np.max(rgb):g}; "
+                "decode code values first, e.g. with blurmatte.SRGB.decode(codes / 255)"
+            )
         shape = rgb.shape[:2]
         valid = (
             np.ones(shape, bool) if valid is None else check_map("valid", valid, shape, kinds="b")
