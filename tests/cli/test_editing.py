@@ -361,6 +361,15 @@ def check_refusal(scene, folder, command, options, words):
     assert out.read_bytes() == b"precious"
 
 
+def test_sheet_of_a_composite_without_changes_shows_the_background_before(scene, tmp_path):
+    out = "--out", tmp_path / "a.png", "--sheet", tmp_path / "sheet.png"
+    good("compose", scene / "layer.exr", "--over", scene / "plate.png", *out)
+    layer, plate = bm.read_layer(scene / "layer.exr"), bm.read(scene / "plate.png")
+    pictures_before_and_after = plate, layer.over(plate)
+    drawn = bm.figures.draw_edit(layer.fade(0), layer, *pictures_before_and_after, "compose")
+    assert_array_equal(codes(tmp_path / "sheet.png"), drawn)
+
+
 @pytest.mark.parametrize(
     ("command", "options", "words"),
     [

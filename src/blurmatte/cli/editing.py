@@ -236,14 +236,17 @@ def compose(
         behind = _behind(reading, over, placement)
         with about(Path(layer)):
             after = changed(before, wanted)
-        before, _ = behind.under(before)
+        # Where nothing changes, the picture without the object is what was before.
+        before, _ = behind.under(before if wanted else before.fade(0))
         after, picture = behind.under(after)
         result = after.over(picture)
         done = _Edit(before, after, before.over(picture), result, picture)
         with about(out):
             bm.write(out, result)
         say(str(out))
-        _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
+        _write_looks(
+            looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked) or "compose"
+        )
 
 
 def _changed_if_any(layer: bm.Layer, wanted: Sequence[Change]) -> bm.Layer:
