@@ -272,6 +272,10 @@ def test_cast_shadow_is_described_without_a_warning(solution):
         "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha."
         in explain(solved)
     )
+    doubtful = solution(sweep=disc_on_arc(shadow=shadow), weights=(0.7, 0.3))
+    assert "With a probability of 0.70 its shadow, 10 px from it, takes" in " ".join(
+        explain(doubtful)
+    )
     solved.quality[5:15, 5:15] = Quality.SHADOW
     assert not any("choose a region without it" in words for words in doubts(solved))
     assert any("choose a region without it" in words for words in doubts(without_shape(solved)))

@@ -89,8 +89,10 @@ def sweep_in_words(solution: Solution) -> list[str]:
     if sweep.shadow is not None:
         away = float(np.hypot(*sweep.shadow.offset))
         taken = f"{100 * float(np.mean(sweep.shadow.strength)):.0f} %"
+        weight = f"{(solution.stats.weights or (1.0,))[0]:.2f}"
+        whose = "Its shadow" if weight == "1.00" else f"With a probability of {weight} its shadow"
         said.append(
-            f"Its shadow, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
+            f"{whose}, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
         )
     return said
 
