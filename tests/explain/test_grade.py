@@ -142,6 +142,15 @@ def test_nobody_is_advised_to_give_the_color_in_a_gray_picture(solution):
     assert doubt.endswith("choose the object with a region.")
 
 
+def test_a_sum_that_a_guess_leaves_open_is_not_determined(solution):
+    """A region that cuts the object has its rest in the guess, and no pixel shows it."""
+    cut = solution(sum_alpha=1785.0, sum_alpha_std=16151.0, grade_reasons=("plate",))
+    said = " ".join(explain(cut))
+    assert "which may be nothing: the region may cut the object" in said
+    assert "Sum of alpha is not determined (1785 ±" in said
+    assert "known against" not in said
+
+
 def test_a_rough_guess_is_the_reason_of_a_sum_that_may_be_nothing(solution):
     """A color was not given: that it may be another explains nothing."""
     rough = solution(
@@ -150,7 +159,8 @@ def test_a_rough_guess_is_the_reason_of_a_sum_that_may_be_nothing(solution):
     )  # fmt: skip
     (doubt,) = doubts(rough)
     assert (
-        "may be nothing: the scene is too rough to guess the plate (± 0.17 of white); mark" in doubt
+        "may be nothing: the scene is too rough to guess the plate (± 0.17 of white), or the"
+        in doubt
     )
     assert "color" not in doubt
 

@@ -325,13 +325,15 @@ def _no_object(solution: Solution) -> list[str]:
     if total > max(std, 3 * solution.sum_std_without_factor):
         return []
     why = "what moved here may not have this color"
-    if stats.rough_guess is not None:
-        why = f"the scene is too rough to guess the plate (± {stats.rough_guess:.2g} of white)"
     remedy = "choose the object with a region"
     if not stats.is_gray:
         remedy += ", or give its own color"
     if "plate" in stats.grade_reasons:
-        remedy = "mark the object closely, or photograph the scene without it (--plate FILE)"
+        why = "the region may cut the object"  # then the guess shows its rest
+        remedy = "mark all of it, closely, or photograph the scene without it (--plate FILE)"
+    if stats.rough_guess is not None:
+        error = f"± {stats.rough_guess:.2g} of white"
+        why = f"the scene is too rough to guess the plate ({error}), or {why}"
     return [
         f"Alpha adds up to {total:.0f} ± {rounded_std(std)}, which may be nothing: {why}; {remedy}."
     ]
@@ -412,7 +414,10 @@ def _area(solution: Solution, total: float) -> Iterator[str]:
     """The sum of alpha, and what it lacks."""
     stats = solution.stats
     std = stats.sum_alpha_std or 0.0
-    said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
+    found = f"{total:.0f} ± {rounded_std(std)}"
+    if abs(total) < std:
+        found = f"is not determined ({found})"
+    said = f"Sum of alpha {found}{_condition(solution.model)}"
     opacity = 1.0 if stats.sweep is None else stats.sweep.opacity
     if total > 3 * std and opacity == 1 and not _touches_border(solution):
         radius = math.sqrt(total / math.pi)
@@ -469,7 +474,7 @@ def _flags(solution: Solution) -> str:
     )
     said = [f"{_AGAINST[flag]} {share:.1%}" for flag, share in shares.items() if share >= 0.0005]
     if not said:
-        return "Nothing is known against the streak's pixels."
+        return "No pixel of the streak is flagged."
     return f"Flagged in the streak: {', '.join(said)}."
 
 
