@@ -102,6 +102,16 @@ def test_solve_writes_all_results(scene, tmp_path):
     assert report["command"].startswith("blurmatte")
 
 
+def test_solve_counts_pixels_that_are_unknown(scene, tmp_path):
+    """Where the plate has the given color."""
+    files = scene / "image.png", "--plate", scene / "plate.png", "--color", "#346e6e"
+    said = good("solve", *files, *PIXELWISE, "--out", tmp_path).stdout
+    stats = bm.read_solution(tmp_path / "layer.exr").stats
+    unknown = stats.pixels - stats.pixels_known
+    assert unknown > 100
+    assert f"\n{unknown} pixels of the streak are unknown and not in the sum\n" in said
+
+
 @pytest.fixture
 def graded(monkeypatch):
     """A function: from now on solutions have this grade, and matching errors."""

@@ -24,9 +24,9 @@ from blurmatte.checks import check_kind, check_same_size
 from blurmatte.compositing import Exposures
 from blurmatte.errors import optional_library
 from blurmatte.explain.explain import explain
-from blurmatte.explain.solution import alpha_peak
+from blurmatte.explain.solution import alpha_peak, sure_pixels
 from blurmatte.figures import draw_exposures, draw_overview, draw_plate
-from blurmatte.figures.solution import draw_parallax, sure_pixels
+from blurmatte.figures.solution import draw_parallax
 from blurmatte.files.documents import flat_rows
 from blurmatte.files.solutions import stats_to_mapping
 from blurmatte.files.writing import write_together

@@ -9,7 +9,7 @@ import blurmatte as bm
 from blurmatte.background import PlateGuess
 from blurmatte.color.model import ColorModel
 from blurmatte.explain import explain
-from blurmatte.explain.solution import usable_all_the_same
+from blurmatte.explain.solution import left_out, usable_all_the_same
 from blurmatte.matting import Quality
 from blurmatte.matting.maps import PixelMaps
 from blurmatte.matting.stats import MedianNoise
@@ -40,6 +40,13 @@ def test_limits_of_the_sum_are_stated(solution):
     assert "50 pixels of the streak are unknown" in said
     assert "touches the border" in said
     assert "1 other thing moved" in said
+
+
+def test_a_color_that_no_pixel_shows_is_stated(solution, changed):
+    """color.png holds the color where alpha is above three standard deviations."""
+    assert left_out(changed()) == []
+    (said,) = left_out(solution(sum_alpha=100.0))
+    assert said == "alpha is nowhere above three standard deviations, so that color.png is black"
 
 
 def test_occluders_are_stated(changed):

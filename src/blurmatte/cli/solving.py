@@ -328,12 +328,13 @@ def _required(name: str | None) -> bm.Grade | None:
 
 def _answer_lines(solution: bm.Solution, match: bm.background.Match, folder: Path) -> list[str]:
     """Alternatives, colors, plate, other streaks, and the sheet."""
-    from blurmatte.explain.solution import also_fits, also_moved
+    from blurmatte.explain.solution import also_fits, also_moved, left_out
 
     stats = solution.stats
     color = WITHOUT_HUE if stats.is_gray else in_degrees(solution.model)
     lines = [*also_fits(solution), str(solution), color]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
+    lines += left_out(solution)
     lines += also_moved(stats.other_boxes, stats.insignificant_others)
     return [*lines, str(folder / "overview.png")]

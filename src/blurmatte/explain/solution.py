@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from blurmatte.checks import Bools
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.numbers import rounded_std, with_article, with_error
 from blurmatte.matting.maps import Grade, Quality
@@ -366,6 +367,12 @@ def alpha_peak(solution: Solution) -> float:
     return max(float(np.percentile(alpha, 99.5)), 0.0) if alpha.size else 0.0
 
 
+def sure_pixels(solution: Solution) -> Bools:
+    """(H, W) True where alpha exceeds three standard deviations within the streak."""
+    sure = solution.streak & solution.known & (solution.alpha > 3 * solution.alpha_std)
+    return np.asarray(sure & (solution.alpha > 0))
+
+
 _MEDIUM_LIGHT = np.full(3, 0.2)  # of white, of which the noise is stated
 _AGAINST = {
     Quality.SATURATED: "clipped",
@@ -425,11 +432,19 @@ def _area(solution: Solution, total: float) -> Iterator[str]:
         said += ": the area of the silhouette in pixels, whatever the motion; "
         said += f"of a disc, the radius would be {radius:.1f} ± {error}"
     yield said + "."
-    unknown = (stats.pixels or 0) - (stats.pixels_known or 0)
-    if unknown:
-        yield f"{unknown} pixels of the streak are unknown and not in the sum."
+    yield from (f"{line[0].upper()}{line[1:]}." for line in left_out(solution))
     if _touches_border(solution):
         yield "The streak touches the border; the sum lacks what lies beyond."
+
+
+def left_out(solution: Solution) -> list[str]:
+    """What of the streak the results do not hold: up to two lines without a full stop."""
+    stats = solution.stats
+    unknown = (stats.pixels or 0) - (stats.pixels_known or 0)
+    said = [f"{unknown} pixels of the streak are unknown and not in the sum"] if unknown else []
+    if solution.streak.any() and not (stats.only_adds_light or sure_pixels(solution).any()):
+        said.append("alpha is nowhere above three standard deviations, so that color.png is black")
+    return said
 
 
 def _light(solution: Solution) -> str:

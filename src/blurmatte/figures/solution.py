@@ -12,7 +12,6 @@ import numpy as np
 
 from blurmatte.background import ParallaxRegion, PlateFit, PlateGuess
 from blurmatte.checks import (
-    Bools,
     Box,
     Codes8,
     Floats,
@@ -30,6 +29,7 @@ from blurmatte.explain.solution import (
     doubts,
     grade_in_words,
     likeliest_shape,
+    sure_pixels,
 )
 from blurmatte.figures import style
 from blurmatte.figures.drawing import (
@@ -275,12 +275,6 @@ def _shown_color(part: Solution) -> Floats:
     color = part.layer.straight()
     color[~sure_pixels(part)] = light_of_codes(np.array(style.NEUTRAL, np.uint8))
     return color
-
-
-def sure_pixels(solution: Solution) -> Bools:
-    """(H, W) True where alpha exceeds three standard deviations within the streak."""
-    sure = solution.streak & solution.known & (solution.alpha > 3 * solution.alpha_std)
-    return np.asarray(sure & (solution.alpha > 0))
 
 
 def _error_panel(part: Solution) -> Panel:
