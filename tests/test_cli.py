@@ -112,6 +112,17 @@ def test_solve_counts_pixels_that_are_unknown(scene, tmp_path):
     assert f"\n{unknown} pixels of the streak are unknown and not in the sum\n" in said
 
 
+def test_solve_names_the_remedy_of_a_second_color(scene, tmp_path):
+    body = bm.rendering.Ball(12, (0.9, 0.45, 0.05), second_color=(0.1, 0.2, 0.8))
+    truth = on_line(bm.read(scene / "plate.png").rgb, (30, 34), (90, 46), body)
+    rng = np.random.default_rng(5)
+    bm.write(tmp_path / "two.png", bm.LinearImage(add_noise(truth.image.rgb, NOISE, rng)))
+    options = "--plate", scene / "plate.png", "--color", COLOR, *PIXELWISE, "--out", tmp_path
+    hint = "may have a second color, and alpha then lacks it; give both (--rank 2, --color twice)"
+    assert hint in good("solve", tmp_path / "two.png", *options).stderr
+    assert hint not in good("solve", scene / "image.png", *options).stderr
+
+
 @pytest.fixture
 def graded(monkeypatch):
     """A function: from now on solutions have this grade, and matching errors."""

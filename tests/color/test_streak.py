@@ -19,6 +19,7 @@ from blurmatte.color.streak import (
     projection_vectors,
     projection_weights,
     recompressed,
+    residual_of_second_hue,
     streak_of_color,
 )
 from blurmatte.errors import ColorModelError, MotionError
@@ -88,6 +89,16 @@ def quick_fit(image, plate):
     streak._check_determined(model, pixels)
     streak._check_fit(model, pixels)
     return model
+
+
+def test_a_line_of_colors_leaves_the_light_of_a_second_paint():
+    """oracle: renderings with and without a second paint, and the line of the first."""
+    for two_paints in (False, True):
+        scene, (color, _) = random_scene(100, two_paints=two_paints)
+        image, plate = taken(scene, 1 / 255, 100)
+        model = ColorModel((color / np.linalg.norm(color))[:, None])
+        left = residual_of_second_hue(image, plate, find_streaks(image, plate)[0], model)
+        assert left > 0.3 if two_paints else left is None
 
 
 def normalised2(model, color):

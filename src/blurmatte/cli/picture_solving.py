@@ -84,7 +84,7 @@ def solved_picture_at(
 
 def solved(task: PictureOptions, path: Path, said: list[str]) -> tuple[MatchedPlate, bm.Solution]:
     """One image with its matched plate, and the solution, whose doubts are added to said."""
-    from blurmatte.explain.solution import bent_light, doubts
+    from blurmatte.explain.solution import bent_light, doubts, second_hue
 
     logging.getLogger("blurmatte").info("reading the picture")
     reading = task.selection.reading
@@ -110,10 +110,21 @@ def solved(task: PictureOptions, path: Path, said: list[str]) -> tuple[MatchedPl
             C, matched, solution.streak, solution.sweep
         )
         found += [] if fit is None else [bent_light(fit.curves[0], fit.best)]
+    if _has_one_hue(solution) and not matched.is_guess:
+        part = bm.color.streak.residual_of_second_hue(
+            C, matched, bm.streaks.Streak(solution.streak), solution.model
+        )
+        found += [] if part is None else [second_hue(part)]
     for doubt in found:
         said.append(f"{path}: {doubt.rstrip('.')}")
         warn(said[-1])
     return pictures, solution
+
+
+def _has_one_hue(solution: bm.Solution) -> bool:
+    """Whether alpha follows from one hue."""
+    stats = solution.stats
+    return solution.model.rank == 1 and not (stats.is_gray or stats.only_adds_light)
 
 
 def check_guess(match: str, region: str | None, is_shaded: bool, transfer: str | None) -> None:

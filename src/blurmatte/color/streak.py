@@ -220,19 +220,38 @@ def _check_determined(model: ColorModel, pixels: StreakPixels) -> None:
     )
 
 
-def _check_fit(model: ColorModel, pixels: StreakPixels) -> None:
-    """Raise ColorModelError if a line does not fit the pixels, or many are infeasible."""
+def residual_of_second_hue(
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
+) -> float | None:
+    """What a line of colors leaves of the change of light, if as much as of an object of two paints.
+
+    None if it is less, or too few pixels show it. A part of the change, root mean square.
+    """
+    try:
+        residual = _residual(model, _streak_pixels(*with_noise(image, plate), streak))
+    except ColorModelError:
+        return None
+    return residual if residual > _MAX_UNEXPLAINED else None
+
+
+def _residual(model: ColorModel, pixels: StreakPixels) -> float:
+    """Residual over the change between plate and image, root mean square, without their noise."""
     a = closed_form(model.basis.T, pixels)
     unexplained = float(np.sum(a.r**2 - a.r_std**2))
     moved = float(np.sum((pixels.C - pixels.B) ** 2 - pixels.vC - pixels.vB))
+    return float(np.sqrt(max(unexplained, 0) / moved)) if moved > 0 else 0.0
+
+
+def _check_fit(model: ColorModel, pixels: StreakPixels) -> None:
+    """Raise ColorModelError if a line does not fit the pixels, or many are infeasible."""
+    a, residual = closed_form(model.basis.T, pixels), _residual(model, pixels)
     infeasible = np.maximum(-a.alpha, a.alpha - 1) > np.maximum(3 * a.alpha_std, 2 * SLACK)
     negative = 2 * SLACK * np.linalg.norm(pixels.B, axis=1)
     infeasible |= -a.k > np.maximum(3 * a.k_std, negative)
-    misfits = unexplained > _MAX_UNEXPLAINED**2 * moved
-    if misfits or np.mean(infeasible) > _MAX_INFEASIBLE:
+    if residual > _MAX_UNEXPLAINED or np.mean(infeasible) > _MAX_INFEASIBLE:
         raise ColorModelError(
             "no single color explains the streak: the best fit leaves a residual of "
-            f"{np.sqrt(max(unexplained / moved, 0)):.0%} of the change, and {np.mean(infeasible):.0%} "
+            f"{residual:.0%} of the change, and {np.mean(infeasible):.0%} "
             "of the pixels with an impossible alpha or light; give the colors of the object (--color, "
             "model=; two with rank 2), or a region with one object and without its shadow"
             + _IF_ROUND

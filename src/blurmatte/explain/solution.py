@@ -314,6 +314,14 @@ def bent_light(used: Transfer, better: Transfer) -> str:
     )
 
 
+def second_hue(part: float) -> str:
+    """That one color leaves as large a part of the change of light as that of an object of two."""
+    return (
+        f"one color leaves {part:.0%} of the change of light: the object may have a second color, and "
+        "alpha then lacks it; give both (--rank 2, --color twice), or allow any (--rank 3)"
+    )
+
+
 def _no_object(solution: Solution) -> list[str]:
     """A warning that there may be no object.
 
