@@ -36,6 +36,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.files.frames import read_frames, write_frames
 from blurmatte.files.reading import read
+from blurmatte.matting import solve
+from blurmatte.matting.maps import Grade
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import (
     Ball,
@@ -52,7 +54,7 @@ from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.assess.model_selection import hypothesis_probabilities
 from blurmatte.sweep.fit.multistart import Multistart
-from blurmatte.sweep.fit_sweep import fit_disc, fit_disc_colors, fit_hypotheses
+from blurmatte.sweep.fit_sweep import _source, fit_disc, fit_disc_colors, fit_hypotheses
 from blurmatte.sweep.hypotheses import DiscWithShadow, GrowingDisc, Outline
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.path import LINE, PARABOLA
@@ -463,3 +465,24 @@ def test_light_that_a_wall_loses_near_an_object_of_its_hue_is_not_that_of_the_ob
     )
     sweep = fit_sweep(image, behind, require_streaks(image, behind)[0])
     assert alpha_error(sweep.alpha, truth.layer.alpha) < 0.004
+
+
+def test_opacity_of_a_source_that_leaves_residuals_is_unknown():
+    """exact: about 0 a fraction of which nothing is known has a root mean square of 1/√3."""
+    light = swept(BALL)
+    explained = replace(light, diagnostics=replace(light.diagnostics, residual_excess=1.0))
+    odd = replace(light, diagnostics=replace(light.diagnostics, residual_excess=17.0))
+    assert _source(explained, 0.002).opacity_std == 0.002
+    assert_allclose(_source(odd, 0.002).opacity_std, np.sqrt(1 / 3))
+    assert _source(odd, 0.002).silhouette.opacity == 0
+
+
+@pytest.mark.battery
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
+def test_a_wrong_color_of_a_real_pen_confirms_no_light(real_data):
+    """honest: the light of a green pen would be added, which explains the streak only in part."""
+    pictures = (read(real_data / name) for name in ("pen.png", "pen_plate.png"))
+    green = ColorModel.from_samples(np.array([[0.0, 1.0, 0.0]]), std=0)
+    stats = solve(*pictures, green).stats
+    assert stats.only_adds_light
+    assert stats.grade is Grade.ASSUMED

@@ -27,7 +27,7 @@ from blurmatte.streaks import (
     require_streaks,
     without_faint,
 )
-from blurmatte.sweep.assess.diagnostics import sweep_of
+from blurmatte.sweep.assess.diagnostics import sweep_of, unknown_opacity_std
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     Hypotheses,
@@ -587,10 +587,7 @@ class _Candidates:
         plate, streak = self.fits.plate, self.fits.streak
         if self.added_before is not None:
             plate, std = self.added_before
-            sweeps = tuple(
-                replace(one, silhouette=one.silhouette.with_opacity(0.0), opacity_std=std)
-                for one in sweeps
-            )
+            sweeps = tuple(_source(one, std) for one in sweeps)
         return Hypotheses(search.observation, sweeps, evidences, plate, streak, untried)
 
     def _may_be_another_disc(self, likeliest: Candidate) -> bool:
@@ -793,6 +790,12 @@ def _may_be_painted(disc: State, model: ColorModel | None, image: LinearImage) -
     """
     is_varied = model is not None and model.rank > 1 and image.meta.sharing is None
     return is_varied and may_have_pattern(disc) and _opacity_of(disc).value == 1
+
+
+def _source(light: Sweep, std: float) -> Sweep:
+    """A sweep of light alone as a source of the opacity 0 ± std, which is unknown if light remains."""
+    std = unknown_opacity_std(0.0) if light.rejection else std
+    return replace(light, silhouette=light.silhouette.with_opacity(0.0), opacity_std=std)
 
 
 def _with_pattern(

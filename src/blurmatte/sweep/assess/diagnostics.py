@@ -82,11 +82,15 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
 def _with_error_of_area(std: float, opacity: float, area_error: float) -> float:
     """Standard deviation of an opacity and of what a relative error of the area adds to it.
 
-    An opacity is a fraction. One of which nothing is known has the mean 1/2 and the variance 1/12: the
-    area adds nothing beyond its root mean square distance from the value.
+    An opacity is a fraction: the area adds nothing beyond the error of one of which nothing is known.
     """
-    unknown = float(np.sqrt(UNIFORM_VARIANCE + (opacity - 0.5) ** 2))
+    unknown = unknown_opacity_std(opacity)
     return max(std, min(float(np.hypot(std, opacity * area_error)), unknown))
+
+
+def unknown_opacity_std(opacity: float) -> float:
+    """Root mean square distance of an opacity of which nothing is known, from 0 to 1, from a value."""
+    return float(np.sqrt(UNIFORM_VARIANCE + (opacity - 0.5) ** 2))
 
 
 def _by_opacity(state: State) -> Array:
