@@ -11,7 +11,9 @@ from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import SweepSummary
-from blurmatte.sweep.sweep import Diagnostics
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import Silhouette
+from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 RED = ColorModel(np.array([[1.0], [0], [0]]))
 GOOD = 0
@@ -162,6 +164,15 @@ def test_path_and_outlines_move_with_the_picture():
     assert moved.streak_box == (41, 32, 43, 34)
     assert moved.sweep.xy == ((40.5, 31.0), (42.0, 33.0))
     assert moved.sweep.outlines == (((40.0, 31.0), (42.0, 33.0)), ())
+
+
+def test_errors_of_a_path_that_is_not_determined_are_at_most_the_diagonal():
+    """exact: files with larger numbers are not read."""
+    shape, path = np.array([5.0]), np.array([10.0, 10.0, 20.0, 12.0])
+    sweep = Sweep(LINE, path, Silhouette(1), shape, RED, 1e40 * np.eye(5), (30, 40))
+    summary = SweepSummary.of(sweep)
+    assert summary.radius_std == 50
+    assert {std for rim in summary.outlines_std for std in rim} == {50}
 
 
 def test_masks_are_read_only():

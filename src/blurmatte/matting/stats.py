@@ -188,7 +188,8 @@ class SweepSummary:
 
     @classmethod
     def of(cls, sweep: Sweep) -> SweepSummary:
-        """Of a fitted sweep; of its points every fourth."""
+        """Of a fitted sweep; of its points every fourth. Errors are at most the picture's diagonal."""
+        most = float(np.hypot(*sweep.size))
         return cls(
             silhouette=sweep.silhouette.name,
             path=sweep.family.name,
@@ -197,7 +198,7 @@ class SweepSummary:
             xy=tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
             length=sweep.length,
             radius=sweep.radius,
-            radius_std=sweep.radius_std,
+            radius_std=min(sweep.radius_std, most),
             softness=sweep.softness,
             opacity=sweep.silhouette.opacity,
             opacity_std=sweep.opacity_std,
@@ -205,7 +206,7 @@ class SweepSummary:
                 tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
             ),
             outlines_std=tuple(
-                tuple(float(std) for std in sweep.outline_std(t)[::4]) for t in (0, 1)
+                tuple(min(float(std), most) for std in sweep.outline_std(t)[::4]) for t in (0, 1)
             ),
             diagnostics=sweep.diagnostics,
             shadow=None if sweep.cast is None else ShadowSummary(**sweep.cast.numbers),
