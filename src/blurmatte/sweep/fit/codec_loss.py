@@ -12,7 +12,7 @@ with the curvature H and the gradients g of the cost before and after. The part 
 and shape imitate does not determine φ: there its mean is the fitted φ, and its variance the prior one.
 
 `chroma_subsampling` predicts a JPEG file's effect on the light of a sweep. This effect is subtracted
-from the image, and the sweep is fitted again.
+from the image, and the sweep is fitted again, until it hardly changes.
 """
 
 from dataclasses import replace
