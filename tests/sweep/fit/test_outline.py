@@ -31,6 +31,7 @@ from blurmatte.sweep.fit.outline import (
     fit_outline,
     gain_of_resolution,
     outlined,
+    pivoting,
     stretched,
     turning,
 )
@@ -46,6 +47,18 @@ SHEET = Scene(
 NARROWING = Scene(
     WALL, PATH, Ball(11, GREEN, ambient=1.0), Change(squash=(1.0, 1.9), squash_angle=0.9)
 )
+
+
+def stick_about_its_end(length=56.0, width=9.0, first=0.4, turn=1.0, end=(44, 34), plate=WALL):
+    """A stick that turns about an end."""
+    time = np.linspace(0, 1, 33)
+    angles = first + turn * time
+    center = end + length / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    change = Change(turned=(0.0, 0.0, first), spin=(0.0, 0.0, turn))
+    return Scene(plate, Trajectory(center, time), Sheet(length, width, GREEN), change)
+
+
+STICK = stick_about_its_end()
 
 
 @cache
@@ -92,6 +105,29 @@ def test_a_turning_sheet_turns():
     assert error(state, SHEET) < 0.05 < error(disc, SHEET)
     assert_allclose(state.silhouette.turn(state.shape), 1, atol=0.15)
     assert_allclose(state.silhouette.area(state.shape), 30 * 14, rtol=0.03)
+
+
+@pytest.mark.battery
+def test_a_stick_that_turns_about_its_end_is_found():
+    """honest: from the disc that covers its fan."""
+    disc, state = disc_of(STICK), outline_of(STICK)
+    assert state.silhouette.turns
+    assert error(state, STICK) < 0.02 < 0.1 < error(disc, STICK)
+    assert_allclose(abs(state.silhouette.turn(state.shape)), 1, atol=0.05)
+    assert_allclose(state.silhouette.area(state.shape), 56 * 9, rtol=0.05)
+    assert_allclose(state.mean_color, GREEN, atol=0.03)
+
+
+def test_a_stick_may_rest_at_the_outermost_point_of_which_most_changed():
+    """exact: the ends that turning shapes start from, and their turns."""
+    starts = list(pivoting(disc_of(STICK)))
+    assert len(starts) == 4
+    for start in starts:
+        outline, curve = start.silhouette, start.curve
+        assert outline.turns
+        turned = np.diff(np.unwrap(np.arctan2(*(curve - (44, 34)).T[::-1])))
+        assert_allclose(turned.sum(), outline.turn(start.shape), atol=0.25)
+        assert np.hypot(*(curve.mean(axis=0) - STICK.trajectory.xy.mean(axis=0))) < 8
 
 
 def test_increasingly_squashed_ball_changes():

@@ -12,12 +12,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from blurmatte.checks import Array
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import (
     best_of,
     bic_penalty,
 )
+from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 from blurmatte.sweep.model.shape import OUTLINE_POINTS
 from blurmatte.sweep.model.silhouette import Silhouette, as_silhouette
@@ -36,6 +38,11 @@ _RADIUS_BOUNDS = (0.25, 2.5)  # of the disc's radius
 _MAX_COARSE_STEPS = 20
 _MAX_FINE_STEPS = 15
 _MIN_EXCHANGED_PX = 2.0  # of a path or an outline that change places: a lens blurs shorter ones
+# Of outlines that turn about an end: ends that are tried, of the outermost points in all directions
+_MAX_ENDS, _DIRECTIONS = 2, 24
+_SLENDER = (0.12, 0.3)  # width over length
+_COARSE_WIDTH_PX = 3.0  # of the most slender one on large pixels
+_WITHIN = 0.97  # of the pixels of a fan: without stray ones
 _MAX_GROWTH_STEPS = 15  # of a growing disc on large pixels
 _GROWTHS = (-0.5, 0.5)  # log growth that fits start from
 # Variance inflation of residuals that other shapes do not reduce
@@ -44,6 +51,14 @@ _MAX_EXPLAINED_INFLATION = 1.3
 
 def fit_outline(disc: State) -> State:
     """The shape of the least Bayesian information criterion, from a fitted disc of one paint."""
+    found = _fit_from_disc(disc)
+    if found.variance_inflation < _MAX_EXPLAINED_INFLATION:
+        return found
+    return _about_an_end(found, disc)
+
+
+def _fit_from_disc(disc: State) -> State:
+    """The best outline, from the disc, its path and other paths."""
     bounds = _bounds_around(disc)
     (start,) = _fitted([_on_large_pixels(disc)], bounds)
     shapes = [outlined(start), replace(outlined(start), order=2)]
@@ -77,6 +92,19 @@ def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
         return disc
     fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
     return best_of([disc, fine])
+
+
+def _about_an_end(found: State, disc: State) -> State:
+    """An outline that turns about an end of it, if it is likelier than what was found from a disc."""
+    starts = list(pivoting(disc))
+    if not starts:
+        return found
+    rival, bounds = found.on(starts[0].observation), _bounds_around(starts[0])
+    best = best_of([rival, *_fitted(starts, bounds, rival=rival)])
+    if best is rival:
+        return found
+    fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
+    return best_of([found, _of_higher_order(fine, bounds)])
 
 
 def exchanged(found: State, disc: State) -> State | None:
@@ -221,6 +249,55 @@ def turning(disc: State, best: State) -> Iterable[State]:
         start = disc.along(family).of_kind(replace(outlined(disc), turns=True))
         for turn in (-1.0, 1.0):  # radians
             yield start.with_parameter("turn", turn)
+
+
+def pivoting(disc: State) -> Iterable[State]:
+    """Ellipses that turn about an end: sticks, clubs and limbs, which leave a fan.
+
+    In a fan alpha falls with the distance from the end that rests. They start at the outermost points
+    of the streak around which the light of the plate changed most.
+    """
+    silhouette = replace(outlined(disc), turns=True)
+    fans = [fan for fan in _fans(disc.observation) if fan[0] > 1]
+    fans = sorted(fans, key=lambda fan: -fan[0])[:_MAX_ENDS]
+    width = min(_SLENDER) * min((length for _, _, length, _ in fans), default=0.0)
+    pixels = disc.observation.coarse_enough(width / 2, _COARSE_WIDTH_PX / 2)
+    for _, end, length, (first, last) in fans:
+        middle = (first + last) / 2
+        for slender in _SLENDER:
+            turn = last - first - slender
+            if turn <= 0:
+                continue
+            angles = middle + np.linspace(-turn / 2, turn / 2, 33)
+            curve = end + length / 2 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+            shape = silhouette.like(disc.silhouette, disc.shape)
+            shape[silhouette.at("radius")] = length / 2 * np.sqrt(slender)
+            stretch = -np.log(slender) / 2 * np.array([np.cos(2 * middle), np.sin(2 * middle)])
+            shape[silhouette.at("stretch")], shape[silhouette.at("turn")] = stretch, turn
+            yield state_at(pixels, ARC, ARC.starts(curve)[0], silhouette, shape)
+
+
+def _fans(observation: Observation) -> Iterable[tuple[float, Array, float, Array]]:
+    """Fans around outermost points of a streak: ratio of near changes to far ones, end, length, angles.
+
+    Lengths are in pixels of the picture, angles (2,) in radians from the x axis toward the y axis.
+    """
+    y, x = np.nonzero(observation.streak)
+    points = np.stack([x, y], axis=1).astype(float)
+    change = np.linalg.norm(observation.C - observation.B, axis=-1)[y, x]
+    directions = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    outward = np.stack([np.cos(directions), np.sin(directions)])
+    for corner in np.unique(points[np.argmax(points @ outward, axis=0)], axis=0):
+        away = points - corner
+        distance = np.hypot(*away.T)
+        length = float(np.quantile(distance, _WITHIN))
+        far, near = distance > length / 2, distance < length / 4
+        axis = np.arctan2(*away[far].mean(axis=0)[::-1])
+        turned = (np.arctan2(away[far, 1], away[far, 0]) - axis + np.pi) % (2 * np.pi) - np.pi
+        angles = axis + np.quantile(turned, (1 - _WITHIN, _WITHIN))
+        ratio = float(change[near].mean() / change[far].mean())
+        scale = observation.scale
+        yield ratio, scale * corner + np.array(observation.origin), scale * length, angles
 
 
 def changing(disc: State, best: State) -> Iterable[State]:
