@@ -252,10 +252,10 @@ def turning(disc: State, best: State) -> Iterable[State]:
 
 
 def pivoting(disc: State) -> Iterable[State]:
-    """Ellipses that turn about an end: sticks, clubs and limbs, which leave a fan.
+    """Outlines that turn about an end: sticks, clubs and limbs, which leave a fan.
 
-    In a fan alpha falls with the distance from the end that rests. They start at the outermost points
-    of the streak around which the light of the plate changed most.
+    In a fan alpha falls with the distance from the end that rests. Ends are the outermost points of the
+    streak around which the light of the plate changed most.
     """
     silhouette = replace(outlined(disc), turns=True)
     fans = [fan for fan in _fans(disc.observation) if fan[0] > 1]
@@ -283,6 +283,8 @@ def _fans(observation: Observation) -> Iterable[tuple[float, Array, float, Array
     Lengths are in pixels of the picture, angles (2,) in radians from the x axis toward the y axis.
     """
     y, x = np.nonzero(observation.streak)
+    if not len(x):
+        return
     points = np.stack([x, y], axis=1).astype(float)
     change = np.linalg.norm(observation.C - observation.B, axis=-1)[y, x]
     directions = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
@@ -291,6 +293,8 @@ def _fans(observation: Observation) -> Iterable[tuple[float, Array, float, Array
         away = points - corner
         distance = np.hypot(*away.T)
         length = float(np.quantile(distance, _WITHIN))
+        if length == 0:  # a streak of one pixel
+            continue
         far, near = distance > length / 2, distance < length / 4
         axis = np.arctan2(*away[far].mean(axis=0)[::-1])
         turned = (np.arctan2(away[far, 1], away[far, 0]) - axis + np.pi) % (2 * np.pi) - np.pi
