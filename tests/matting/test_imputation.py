@@ -8,10 +8,12 @@ from tests.scenes import photographed, rendered
 
 from blurmatte.background import guess_plate
 from blurmatte.color.model import ColorModel
+from blurmatte.explain import explain
 from blurmatte.figures import draw_overview
 from blurmatte.matting import Smooth, solve
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.maps import Grade
+from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.rendering import Ball, Camera, Scene
 from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.sweep.hypotheses import Disc, DiscWithShadow
@@ -91,6 +93,27 @@ def test_guess_is_never_confirmed_and_says_why(smooth):
     assert solution.grade is not Grade.CONFIRMED
     assert solution.stats.grade_reasons[0] == "plate"
     assert solution.stats.match is None
+
+
+@pytest.fixture(scope="module")
+def cut(seen):
+    """The picture, and a guess in a region that half of the object is beyond."""
+    image, plate, _ = seen
+    region = plate.region.copy()
+    region[:, 74:] = False
+    region[:40], region[72:] = False, False
+    return image, guess_plate(image, region)
+
+
+def test_errors_of_an_object_that_the_region_cuts_contain_its_rest(seen, cut):
+    """The guess shows its rest: a path of 45 pixels was stated as 23 ± 2 without a word."""
+    solution, total = solve(*cut, solver=Swept((Disc(),))), seen[2].sum()
+    motion = measure_motion(solution)
+    assert solution.grade is Grade.ASSUMED
+    assert abs(solution.stats.sum_alpha - total) < 2 * solution.stats.sum_alpha_std
+    assert abs(motion.length - SCENE.trajectory.length) < 3 * motion.length_std
+    for said in explain(solution), explain(motion):
+        assert any("reaches beyond the region" in line for line in said)
 
 
 def test_nothing_is_outside_the_region(seen, smooth):

@@ -94,6 +94,8 @@ class PlateGuess(LinearImage):
     errors : GuessError, optional
         Covariance of the channels where it is a guess; None of gray pictures, which have one, and
         of bursts.
+    region : (H, W) bool, optional
+        Where the object may have been, as it was marked; what is hidden if not given.
 
     Examples
     --------
@@ -109,12 +111,15 @@ class PlateGuess(LinearImage):
     texture: Floats = None  # type: ignore[assignment]
     image_noise: Noise = None  # type: ignore[assignment]
     errors: GuessError | None = None
+    region: Bools = None  # type: ignore[assignment]
     is_guess = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        hidden = check_map("hidden", self.hidden, self.rgb.shape[:2], kinds="b")
-        object.__setattr__(self, "hidden", hidden)
+        for name in ("hidden", "region"):
+            given = getattr(self, name)
+            mask = self.hidden if given is None else given
+            object.__setattr__(self, name, check_map(name, mask, self.rgb.shape[:2], kinds="b"))
 
     @property
     def plates(self) -> list[LinearImage]:
@@ -147,8 +152,8 @@ class PlateGuess(LinearImage):
 
     def around_hidden(self, box: Box) -> "PlateGuess":
         """The part in a box that contains what is hidden."""
-        part, hidden = self.crop(box), self.hidden[rows_columns(box)]
-        return replace(self, **vars(part), hidden=hidden)
+        part, place = self.crop(box), rows_columns(box)
+        return replace(self, **vars(part), hidden=self.hidden[place], region=self.region[place])
 
     @property
     def error(self) -> float:
@@ -207,7 +212,8 @@ def guess_plate(image: LinearImage, region: Bools) -> PlateGuess:
             if np.count_nonzero(smaller) > _MAX_REMAINING * np.count_nonzero(hidden):
                 break
             hidden = smaller
-        return _AroundRegion.around(image, hidden, _DRAWS).guess(image, hidden, noise)
+        guess = _AroundRegion.around(image, hidden, _DRAWS).guess(image, hidden, noise)
+    return replace(guess, region=region)
 
 
 def guess_behind(image: LinearImage, streak: Bools, grow: int = 0) -> PlateGuess:

@@ -24,6 +24,7 @@ _MOST_BOXES = 5  # that are named
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
 _MAX_KNOWN_STD = 0.1  # of an opacity that is worth a number
 _REASONS = {
+    "region": "the fitted shape reaches beyond the region",
     "plate": "the plate is a guess from the surroundings of the region",
     "shadow": "only light was lost, so that it may be a shadow",
     "light": "constant light of the object is assumed",
@@ -57,6 +58,10 @@ _ALL_SHADOW = (
 _ALL_SHADOW_IN_GRAY = (
     "Only light was lost: all of this may be a shadow, or an object that is darker than the plate; "
     "gray pictures do not show which. Alpha holds only if it is an object."
+)
+_CUT_BY_REGION = (
+    "The fitted shape reaches beyond the region, which may cut the object: the guess then shows its "
+    "rest, and alpha, its sum and the motion are not determined; mark all of it, with 8 pixels around."
 )
 _MIN_FLAGGED_FRACTION = 0.25  # of the streak's pixels, for a warning
 _REMEDY = {
@@ -303,6 +308,8 @@ def doubts(solution: Solution) -> list[str]:
         del shares[Quality.SHADOW]  # `sweep_in_words` describes the object's own
     said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
             if share > _MIN_FLAGGED_FRACTION]  # fmt: skip
+    if solution.stats.leaves_region:
+        return [_CUT_BY_REGION, *said]
     return _no_object(solution) or [*said, *_impossible(solution)]
 
 
@@ -430,7 +437,7 @@ def _area(solution: Solution, total: float) -> Iterator[str]:
     stats = solution.stats
     std = stats.sum_alpha_std or 0.0
     found = f"{total:.0f} ± {rounded_std(std)}"
-    if abs(total) < std:
+    if abs(total) < std or stats.leaves_region:
         found = f"is not determined ({found})"
     said = f"Sum of alpha {found}{_condition(solution.model)}"
     opacity = 1.0 if stats.sweep is None else stats.sweep.opacity

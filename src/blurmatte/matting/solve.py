@@ -22,6 +22,7 @@ from blurmatte.color.shadows import may_be_shadow
 from blurmatte.color.streak import check_not_gray, streak_of_color
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting.averaging import AlphaEstimate
+from blurmatte.matting.calibration import MIN_ALPHA
 from blurmatte.matting.case import Answer, Case, Pictures, Solver
 from blurmatte.matting.hypotheses import Averaged, Swept, WeightedHypotheses
 from blurmatte.matting.imputation import QuickSolver, solve_before_guess
@@ -190,7 +191,8 @@ def _before_guess(
 def _where_guessed(solution: Solution, image: LinearImage, guess: PlateGuess) -> Solution:
     """The solution without an object where the guess is the image: over that it would be seen twice.
 
-    Its maps, which nothing else holds, are changed in place.
+    Its maps, which nothing else holds, are changed in place. If its shape on a path lies partly beyond
+    the region, its errors say that the guess shows the object.
     """
     outside = ~guess.hidden & np.all(image.rgb == guess.rgb, axis=-1)
     for values in (solution.alpha, solution.alpha_std):
@@ -198,7 +200,25 @@ def _where_guessed(solution: Solution, image: LinearImage, guess: PlateGuess) ->
     for light in (solution.premultiplied, solution.premultiplied_std):
         light[outside] = 0
     solution.quality[outside] |= np.uint8(Quality.OUTSIDE)
+    sweep = solution.sweep
+    if sweep is not None:
+        beyond = ~guess.region[rows_columns(sweep.box)]
+        if (sweep.alpha_within(sweep.box)[beyond] > MIN_ALPHA).any():
+            return _cut_by_region(solution)
     return replace(solution)
+
+
+def _cut_by_region(solution: Solution) -> Solution:
+    """The solution of an object that the guess shows beyond the region.
+
+    Which part of it the guess holds is not known: the error of the sum of alpha is at least the sum.
+    """
+    stats, sweep = solution.stats, solution.sweep
+    factor = max(1.0, (stats.sum_alpha or 0.0) / max(stats.sum_alpha_std or 0.0, 1e-9))
+    if sweep is not None:
+        sweep = replace(sweep, covariance=factor**2 * sweep.covariance)
+    solution = solution.with_errors_times(factor)
+    return replace(solution, stats=solution.stats.assumed("region"), sweep=sweep)
 
 
 def _solved(pictures: Pictures, request: _Request, warns: bool = True) -> Solution:

@@ -361,6 +361,11 @@ class SolutionStats:
         """Whether the pictures are gray: the object's color has no hue."""
         return "gray" in self.grade_reasons
 
+    @property
+    def leaves_region(self) -> bool:
+        """Whether the fitted shape reaches beyond the region in which the plate is a guess."""
+        return "region" in self.grade_reasons
+
     def moved(self, x: int, y: int) -> SolutionStats:
         """The same in a picture in which that of the solution begins at x, y; pixels."""
 

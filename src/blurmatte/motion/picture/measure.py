@@ -44,6 +44,10 @@ _N = len(QUANTITIES)
 _OTHER = (
     "The streak may be of something else or of several objects, or the plate differs: the fit {}."
 )
+_CUT_BY_REGION = (
+    "The shape reaches beyond the region, which may cut the object: the guessed plate then shows its "
+    "rest; solve with a region that holds all of it."
+)
 
 
 # When alpha counts as present, and when a motion from moments gets a doubt.
@@ -102,6 +106,8 @@ def measure_motion(solution: Solution) -> Motion:
         return motion_of_alpha(solution)
     known = solution.stats.exposure_time, solution.stats.readout
     motion = motion_of_sweep(solution.sweep, *known)
+    if solution.stats.leaves_region:
+        motion = replace(motion, doubts=(*motion.doubts, _CUT_BY_REGION))
     return motion.reversed if abs(motion.angle) > np.pi / 2 else motion
 
 
