@@ -195,6 +195,7 @@ def test_what_cannot_be_shown_is_refused_in_one_line(folder, viewer, name, value
     _, _, refusal = viewer.answer(name, usual | values | {"path": path})
     assert refusal
     assert "\n" not in refusal
+    assert str(folder) not in refusal
 
 
 def test_memory_is_bounded(folder):

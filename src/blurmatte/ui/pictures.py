@@ -75,12 +75,15 @@ class ShownPictures:
         }
 
     def answer(self, name: str, values: dict[str, Any]) -> tuple[bytes, dict[str, Any], str]:
-        """The answer to a question: bytes, or numbers, or why there is none."""
+        """Bytes, numbers, or why there is no answer to a question, without private folders."""
         try:
             with warnings.catch_warnings(action="ignore"):  # the commands say them
                 found = self._questions[name](**values)
         except (bm.BlurmatteError, ValueError, OSError, MemoryError) as error:
-            return b"", {}, " ".join(str(error).split()) or repr(error)
+            why = " ".join(str(error).split()) or repr(error)
+            for path in (one for one in values.values() if isinstance(one, Path)):
+                why = why.replace(str(path), path.name)
+            return b"", {}, why
         except Exception as error:
             why = f"a defect of blurmatte, {type(error).__name__}: {error}; please report it"
             return b"", {}, why
