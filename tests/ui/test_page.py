@@ -346,6 +346,19 @@ def test_everything_is_reached_by_keyboard(browser, address):
     expect(page.locator(".overlay g")).not_to_have_attribute("transform", before)
 
 
+def test_a_picture_that_cannot_be_read_is_asked_for_once(browser, address):
+    page, asked = opened(browser, address), []
+    page.on("request", lambda request: asked.append(request.url))
+    cut = (EXAMPLE / "image.png").read_bytes()[:4000]
+    page.get_by_label("Picture or clip").set_input_files(
+        {"name": "broken.png", "mimeType": "image/png", "buffer": cut}
+    )
+    page.get_by_text("broken.png: copy or export it again").wait_for()
+    page.wait_for_timeout(500)
+    described = [url for url in asked if "/describe" in url]
+    assert len(described) == len(set(described)) > 0
+
+
 def test_nothing_was_asked_of_other_hosts_and_no_script_failed(solved):
     assert solved.foreign == []
     assert solved.faults == []

@@ -228,8 +228,7 @@ export async function describe(source) {
   if (store.facts.has(key)) return store.facts.get(key);
   store.facts.set(key, null);
   const found = await trying(async () => (await look("describe", source)).json());
-  if (found) store.facts.set(key, found);
-  else store.facts.delete(key);
+  store.facts.set(key, found); // null if it was refused: asked again, it would be refused with each drawing
   change();
   return found;
 }
