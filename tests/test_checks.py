@@ -70,7 +70,7 @@ def test_rejects_arrays_that_are_no_light(value, error, words):
 def test_rejects_arrays_that_are_no_map():
     with pytest.raises(TypeError, match="alpha must be a NumPy array, got float"):
         check_map("alpha", 0.5, (2, 3))
-    with pytest.raises(TypeError, match="alpha must have a dtype of kind 'f', got bool"):
+    with pytest.raises(TypeError, match="alpha must hold floats, got bool"):
         check_map("alpha", np.zeros((2, 3), bool), (2, 3))
     with pytest.raises(ValueError, match=r"alpha must have the shape \(2, 3\), got \(3, 2\)"):
         check_map("alpha", np.zeros((3, 2)), (2, 3))

@@ -264,7 +264,8 @@ def check_map(
     if not isinstance(values, np.ndarray):
         raise TypeError(f"{name} must be a NumPy array, got {type(values).__name__}")
     if values.dtype.kind not in kinds:
-        raise TypeError(f"{name} must have a dtype of kind {kinds!r}, got {values.dtype}")
+        what = f"booleans, as {name} > 0" if kinds == "b" else "floats"
+        raise TypeError(f"{name} must hold {what}, got {values.dtype}")
     if shape is not None and values.shape != shape:
         raise ValueError(f"{name} must have the shape {shape}, got {values.shape}")
     return values

@@ -121,7 +121,7 @@ def broken(value):
         (ESTIMATED, 0 * TRUE, ValueError, "true must hold a streak, got alpha up to 0$"),
         (ESTIMATED[..., None], TRUE, ValueError, r"estimated must have the shape \(height, width\)"),
         (ESTIMATED, TRUE[0], ValueError, r"true must have the shape \(height, width\), got \(3,\)"),
-        (ESTIMATED.astype(int), TRUE, TypeError, "estimated must have a dtype of kind 'f'"),
+        (ESTIMATED.astype(int), TRUE, TypeError, "estimated must hold floats"),
         (None, TRUE, TypeError, "estimated must be a NumPy array, got NoneType"),
     ],
 )  # fmt: skip
@@ -219,7 +219,7 @@ def test_single_value_is_accepted():
         (([1, 1], [-1, 1], [1, 1]), ValueError, "std must not be negative, got 1 that are"),
         (([1, 1], [0, np.inf], [1, 1]), ValueError, "std must be finite and above 0 somewhere, got n"),
         (([], [], []), ValueError, "got none in 0 values"),
-        (([1], [1], [1], np.array([1])), TypeError, "where must have a dtype of kind 'b'"),
+        (([1], [1], [1], np.array([1])), TypeError, "where must hold booleans"),
         (([1], [1], [1], np.ones(2, bool)), ValueError, r"where must have the shape \(1,\)"),
         (([1], [1], [1], np.zeros(1, bool)), ValueError, "got none in 0 values"),
     ],

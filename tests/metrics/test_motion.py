@@ -244,8 +244,8 @@ def with_nan(array):
         (lambda e, t, p: (e, t, with_nan(p)), ValueError, "plate must be finite, got 1 NaN"),
         (lambda e, t, p: (e, 255 * t, p), ValueError, "true must be coded as sRGB from 0 to 1, got"),
         (lambda e, t, p: (e, t, p - 0.5), ValueError, "plate must be coded as sRGB from 0 to 1"),
-        (lambda e, t, p: (e, (255 * t).astype(np.uint8), p), TypeError, "true must have a dtype of"),
-        (lambda e, t, p: ((255 * t).astype(np.uint8), t, p), TypeError, "estimated must have a dty"),
+        (lambda e, t, p: (e, (255 * t).astype(np.uint8), p), TypeError, "true must hold floats"),
+        (lambda e, t, p: ((255 * t).astype(np.uint8), t, p), TypeError, "estimated must hold floats"),
     ],
 )  # fmt: skip
 def test_rejects_wrong_subframes(metric, change, error, says, estimated, true, plate):

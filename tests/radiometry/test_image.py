@@ -92,7 +92,11 @@ def test_light_above_white_is_no_code_value(rgb, lamp):
     ("fields", "error", "words"),
     [
         ({"valid": np.ones((6, 4), bool)}, ValueError, r"valid must have the shape \(4, 6\)"),
-        ({"valid": np.ones((4, 6))}, TypeError, "valid must have a dtype of kind 'b', got float64"),
+        (
+            {"valid": np.ones((4, 6))},
+            TypeError,
+            "valid must hold booleans, as valid > 0, got float64",
+        ),
         ({"valid": [True]}, TypeError, "valid must be a NumPy array, got list"),
         ({"noise": np.ones((4, 6))}, ValueError, r"noise must have the shape \(4, 6, 3\)"),
         ({"noise": 0.01}, TypeError, "noise must be a NumPy array, got float"),
