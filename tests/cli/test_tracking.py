@@ -102,6 +102,17 @@ def test_speed_allows_for_rolling_shutter():
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
 
 
+def test_text_says_why_frames_are_empty():
+    reasons = ["", "nothing moved", "the plate is not known", "nothing moved"]
+    seen = sighted((60, 40), (6, 8), length=100.0)
+    rows = [bm.motion.FrameMotion(0, 0.0, seen, 1)]
+    rows += [bm.motion.FrameMotion(k, k / 25, None, reason=reasons[k]) for k in (1, 2, 3)]
+    for some in rows, rows[1:]:
+        said = clip_in_words(some, "#ffffff", several=False)
+        assert said[-1] == "Frames without it: nothing moved (2), the plate is not known (1)."
+    assert "without it" not in " ".join(clip_in_words(rows[:1], "#ffffff", several=False))
+
+
 def test_frame_at_border_states_a_doubt_and_no_speed():
     """Exact: no speed of what the border cuts, in the picture as in space; other frames keep theirs."""
     seen = sighted((60, 40), (6, 8), length=100.0)

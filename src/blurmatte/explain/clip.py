@@ -17,14 +17,19 @@ from blurmatte.motion.clip.summary import (
     speeds_between,
 )
 
+_MOST_REASONS = 3  # why frames are empty, that are named
+
 
 def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> list[str]:
     """Sentences about what was found in the frames; `color` names that of the object."""
     found = [row.sighting for row in rows if row.sighting is not None]
     frames, of = len({row.frame for row in rows if row.sighting}), len({row.frame for row in rows})
     said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
+    empty = Counter(row.reason for row in rows if row.sighting is None and row.reason)
+    reasons = [f"{reason} ({count})" for reason, count in empty.most_common(_MOST_REASONS)]
+    why = [f"Frames without it: {', '.join(reasons)}."] if reasons else []
     if not found:
-        return [said[0], f"{said[1]}."]
+        return [said[0], f"{said[1]}.", *why]
     swept = sum(one.motion.has_shape for one in found)
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
@@ -35,7 +40,7 @@ def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> lis
         f"{directed} the direction of time is known, and {doubted} "
         f"{'is' if doubted == 1 else 'are'} doubtful."
     )
-    return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}"]
+    return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}", *why]
 
 
 def times_in_words(
