@@ -13,7 +13,7 @@ from tests.scenes import SMALL_BALL, rendered
 import blurmatte as bm
 from blurmatte.clips.table import FrameRecord
 from blurmatte.napari import get_reader
-from blurmatte.sweep.fit_sweep import fit_disc
+from blurmatte.sweep.discs import fit_disc
 
 SOURCE = Path(bm.__file__).parent
 

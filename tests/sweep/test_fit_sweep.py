@@ -54,10 +54,10 @@ from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.assess.model_selection import hypothesis_probabilities
 from blurmatte.sweep.fit.multistart import Multistart
-from blurmatte.sweep.fit_sweep import _source, fit_disc, fit_disc_colors, fit_hypotheses
+from blurmatte.sweep.fit_sweep import fit_hypotheses
 from blurmatte.sweep.hypotheses import DiscWithShadow, GrowingDisc, Outline
 from blurmatte.sweep.model.color_field import ColorPrior
-from blurmatte.sweep.model.path import LINE, PARABOLA
+from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory
 
@@ -303,36 +303,6 @@ def test_weight_of_a_hypothesis_is_that_of_its_alpha():
     assert degrees_between(found.best.model.pole, truth.model.pole) < 2
 
 
-@pytest.mark.parametrize("scene", [FLAT[LINE], FLAT[PARABOLA]], ids=["line", "parabola"])
-def test_fit_disc_is_a_quick_fit_of_a_parabola(scene):
-    """honest"""
-    image, plate = photographed(scene)
-    sweep = fit_disc(image, plate, require_streaks(image, plate)[0])
-    assert sweep.family.name == "parabola"
-    assert error(sweep, scene) < 0.01
-    assert abs(sweep.radius - RADIUS) < max(4 * sweep.radius_std, 0.05)
-
-
-def test_noise_of_neighbors_is_no_second_paint():
-    """honest: in a JPEG with chroma of half the resolution."""
-    image, plate = photographed(FLAT[LINE], 0, JPEG)
-    found = fit_disc_colors(image, plate, require_streaks(image, plate)[0])
-    assert max(found.log_odds) < 1
-    assert degrees_between(found.mean.pole, GREEN) < 5
-
-
-def test_a_disc_of_two_paints_says_so():
-    """honest"""
-    body = Ball(13, GREEN, second_color=RED, ambient=1.0)
-    image, plate = photographed(Scene(WALL, PATH, body, Change(spin=(1.0, 0.5, 0.8))))
-    found = fit_disc_colors(image, plate, require_streaks(image, plate)[0])
-    assert found.log_odds[0] > 50
-    assert found.log_odds[1] < 1
-    normal = np.cross(GREEN, RED) / np.linalg.norm(np.cross(GREEN, RED))
-    assert abs(found.plane.pole @ normal) > np.cos(np.radians(5))
-    assert_allclose(found.sweep.radius, 13, rtol=0.03)
-
-
 def known(color, std):
     """A color known to `std` radians in each direction."""
     pole = color / np.linalg.norm(color)
@@ -465,16 +435,6 @@ def test_light_that_a_wall_loses_near_an_object_of_its_hue_is_not_that_of_the_ob
     )
     sweep = fit_sweep(image, behind, require_streaks(image, behind)[0])
     assert alpha_error(sweep.alpha, truth.layer.alpha) < 0.004
-
-
-def test_opacity_of_a_source_that_leaves_residuals_is_unknown():
-    """exact: about 0 a fraction of which nothing is known has a root mean square of 1/√3."""
-    light = swept(BALL)
-    explained = replace(light, diagnostics=replace(light.diagnostics, residual_excess=1.0))
-    odd = replace(light, diagnostics=replace(light.diagnostics, residual_excess=17.0))
-    assert _source(explained, 0.002).opacity_std == 0.002
-    assert_allclose(_source(odd, 0.002).opacity_std, np.sqrt(1 / 3))
-    assert _source(odd, 0.002).silhouette.opacity == 0
 
 
 @pytest.mark.battery

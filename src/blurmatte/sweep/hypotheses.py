@@ -18,7 +18,7 @@ from blurmatte.color.shadows import darkness
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.free import fit_free
-from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart
+from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart, with_varied_colors
 from blurmatte.sweep.fit.outline import (
     HIGHEST_ORDER,
     exchanged,
@@ -27,16 +27,14 @@ from blurmatte.sweep.fit.outline import (
     gain_of_resolution,
 )
 from blurmatte.sweep.fit.pattern import fit_patterns, has_pattern
-from blurmatte.sweep.fit.ranking import (
-    Candidate,
-    residual_excess,
-)
+from blurmatte.sweep.fit.ranking import Candidate, noise_inflation, residual_excess
 from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_field import ColorPrior
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
-from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
+from blurmatte.sweep.model.student_t import VARIANCE
+from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 
 # Variance inflation of residuals that another shape or light does not reduce
 _MAX_EXPLAINED_INFLATION = 1.2
@@ -260,3 +258,30 @@ def quick_search(
 ) -> Multistart:
     """The search from discs of one radius."""
     return Multistart.of(streak, image, plate, color, QUICK_RADII)
+
+
+def best_discs(
+    search: Multistart, start: Sweep | None
+) -> tuple[Multistart, list[State], list[State]]:
+    """The best discs of one paint and of colors that vary, with the noise that they estimate."""
+
+    def best(search: Multistart) -> tuple[list[State], list[State]]:
+        """Discs of one paint and of varied colors, from the search or from `start`."""
+        if start is None:
+            return search.best()
+        curve = start.family.curve(start.path)
+        disc = search.of_one_paint.near(start.family, curve, start.radius)
+        is_one_paint = search.observation.color.rank == 1
+        return [disc], [] if is_one_paint else [with_varied_colors(disc)]
+
+    prior, search = search.observation.prior, search.without_prior  # it would hide a misfit
+    discs = best(search)
+    inflation = noise_inflation(discs[0][0])
+    if inflation > 1:
+        search = search.with_noise_inflated(inflation)
+        discs = best(search)
+    if prior is not None:
+        weight = discs[0][0].variance_inflation * VARIANCE * prior.scatter**2
+        search = search.with_prior(replace(prior, weight=weight))
+        discs = best(search)
+    return search, *discs

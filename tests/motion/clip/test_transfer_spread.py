@@ -13,7 +13,7 @@ from blurmatte.motion.clip.measure import explaining_curve, radius_spread
 from blurmatte.radiometry import REC709, SRGB, LinearImage, Meta
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import colorful_plate, plain_plate
-from blurmatte.sweep.fit_sweep import fit_disc
+from blurmatte.sweep.discs import fit_disc
 
 RADIUS = 13.0
 START, END = (30.0, 30.0), (60.0, 38.0)

@@ -11,7 +11,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.motion import Workers
 from blurmatte.motion.clip.color import _ROUND_STARTS, _decided, _largest_group, _log_odds
 from blurmatte.motion.clip.workers import spread_out
-from blurmatte.sweep.fit_sweep import DiscColors
+from blurmatte.sweep.discs import DiscColors
 
 
 def colors(mean, second="#2040ff", odds=(0.0, 0.0)):

@@ -30,6 +30,7 @@ from blurmatte.rendering import Ball, Camera
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.diagnostics import sweep_of
+from blurmatte.sweep.discs import fit_disc
 from blurmatte.sweep.fit.codec_loss import (
     candidate_before_file,
     chroma_blur_std,
@@ -37,7 +38,6 @@ from blurmatte.sweep.fit.codec_loss import (
     light_before_file,
 )
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX, Silhouette
 

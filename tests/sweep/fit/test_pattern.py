@@ -16,10 +16,11 @@ from blurmatte.rendering import Ball, Scene
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.streaks import Streak, require_streaks
+from blurmatte.sweep.discs import fit_disc
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.fit.pattern import _functions, _PatternFit, _swept, fit_patterns
-from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
+from blurmatte.sweep.fit_sweep import fit_sweep
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pattern_kernel import swept

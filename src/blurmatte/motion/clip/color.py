@@ -22,7 +22,8 @@ from blurmatte.radiometry import LinearImage, light_of_hex
 from blurmatte.radiometry.coded import coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, find_streaks
-from blurmatte.sweep.fit_sweep import DiscColors, fit_disc_colors, fit_sweep
+from blurmatte.sweep.discs import DiscColors, fit_disc_colors
+from blurmatte.sweep.fit_sweep import fit_sweep
 
 Vote = tuple[DiscColors, float, int]  # colors, their weight, and the number of the frame
 

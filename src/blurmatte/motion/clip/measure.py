@@ -39,8 +39,8 @@ from blurmatte.radiometry import LinearImage, Transfer, check_picture
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, each_coded
 from blurmatte.statistics import chi_square_quantile
 from blurmatte.streaks import Streak, find_streaks
+from blurmatte.sweep.discs import fit_disc
 from blurmatte.sweep.fit.ranking import MAX_LIGHT
-from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.transfer_fit import UNSTATED_CURVES, with_curve
 

@@ -38,7 +38,7 @@ from blurmatte.radiometry.coded import CodedFrame, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated, find_streaks
 from blurmatte.sweep import MotionPrior, Sweep
-from blurmatte.sweep.fit_sweep import fit_stretch
+from blurmatte.sweep.discs import fit_stretch
 from blurmatte.sweep.model.path import PARABOLA, PathFamily
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.silhouette import DISC
