@@ -35,7 +35,7 @@ from blurmatte.matting.calibration import GRADE_LIMITS
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.plate_check import _looks_swapped
-from blurmatte.radiometry import LinearImage, Meta, NoiseModel
+from blurmatte.radiometry import LinearImage, Meta, NoiseModel, check_has_light
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -599,6 +599,15 @@ def test_rejects_arrays(paint):
 def test_rejects_different_sizes(paint):
     with pytest.raises(ValueError, match="image is 192x128 pixels and plate 20x20"):
         solve(paint.image, LinearImage(np.ones((20, 20, 3))))
+
+
+def test_light_that_is_mostly_negative_is_refused(paint):
+    """door: a black level that was subtracted twice; noise about black is light."""
+    image, plate = taken(paint)
+    dark = LinearImage(image.rgb - 0.5)
+    with pytest.raises(ValueError, match=r"the image has negative light in .*% of its pixels"):
+        solve(dark, LinearImage(plate.rgb - 0.5))
+    check_has_light("black", LinearImage(np.random.default_rng(0).normal(0, 0.01, (40, 60, 3))))
 
 
 def test_rejects_a_gray_plate_of_a_picture_in_color(paint):

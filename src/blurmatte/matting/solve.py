@@ -33,7 +33,7 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.stats import MatchSummary, SolutionStats, SweepSummary, noise_of
 from blurmatte.matting.summary import StreakSums, streak_sums, with_mean_light
-from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.radiometry import LinearImage, check_has_light, check_same_colors
 from blurmatte.statistics import larger_covariance
 from blurmatte.streaks import (
     Streak,
@@ -262,6 +262,8 @@ def _check(
 ) -> None:
     """Raise TypeError, ValueError or ColorModelError unless `solve` accepts the arguments."""
     check_same_colors("the image", image, "the plate", plate)
+    for name, picture in (("the image", image), ("the plate", plate)):
+        check_has_light(name, picture)
     check_same_size("image", image.size, "plate", plate.size)
     hint = 'use blurmatte.ColorModel.from_hex("#d8ff3c"); a solver comes after it, or as solver='
     check_kind("model", model, ColorModel | None, hint)

@@ -6,6 +6,7 @@ from blurmatte.radiometry.image import GuessError as GuessError
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import are_gray as are_gray
+from blurmatte.radiometry.image import check_has_light as check_has_light
 from blurmatte.radiometry.image import check_picture as check_picture
 from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import counted_once as counted_once

@@ -401,6 +401,20 @@ def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -
         )
 
 
+def check_has_light(name: str, picture: LinearImage) -> None:
+    """Raise ValueError if most pixels of a picture have negative light in all channels.
+
+    Noise about black has it in one of eight.
+    """
+    brightest = picture.rgb.max(axis=-1)[picture.valid]
+    share = np.count_nonzero(brightest < 0) / max(brightest.size, 1)
+    if share > 0.5:
+        raise ValueError(
+            f"{name} has negative light in {share:.0%} of its pixels, and light is 0 or more; "
+            "add the offset (black level) that was subtracted too often"
+        )
+
+
 def smooth_variance(picture: LinearImage) -> Array:
     """(H, W, 3) noise variance, light², smoothed over a neighborhood.
 
