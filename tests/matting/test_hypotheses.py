@@ -1,9 +1,12 @@
 """Averages of hypotheses: a search that was cut short, errors that are simulated or not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from benchmarks.accuracy.verdict import FILES, KINDS, draw
 from benchmarks.trials import photograph
+from tests.sweep.scenes import BEFORE_TILES, photographed
 
 import blurmatte as bm
 from blurmatte.explain.solution import grade_in_words
@@ -15,6 +18,9 @@ from blurmatte.rendering import Ball, Camera, Scene, render
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import plain_plate
+from blurmatte.sweep import candidates
+from blurmatte.sweep.assess.diagnostics import sweep_of
+from blurmatte.sweep.model.path import LINE
 from blurmatte.trajectory import Trajectory
 
 SIZE = (128, 72)
@@ -38,6 +44,21 @@ def test_shapes_after_the_time_limit_are_named_and_nothing_is_confirmed(square):
     assert solution.stats.grade_reasons[0] == "time"
     assert "not all explanations were tried in the given time (" in grade_in_words(solution)[0]
     assert solution.stats.sweep.is_disc
+
+
+def test_a_shape_that_did_not_converge_is_not_confirmed(monkeypatch):
+    pictures = photographed(BEFORE_TILES[LINE])
+    assert solve(*pictures).grade is Grade.CONFIRMED
+
+    def unfinished(candidate, image):
+        sweep = sweep_of(candidate, image)
+        return replace(sweep, diagnostics=replace(sweep.diagnostics, converged=False))
+
+    monkeypatch.setattr(candidates, "sweep_of", unfinished)
+    solution = solve(*pictures)
+    assert solution.grade is Grade.PLAUSIBLE
+    assert solution.stats.grade_reasons[0] == "convergence"
+    assert "the fit of the likeliest shape did not converge" in grade_in_words(solution)[0]
 
 
 def test_without_a_limit_every_shape_that_is_worth_a_fit_is_tried(square):

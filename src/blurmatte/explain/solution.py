@@ -32,6 +32,7 @@ _REASONS = {
     "opacity": "whether it hides all of the light behind it, and was in the picture all the time, is "
     "uncertain (--opacity states it)",
     "gray": "without hues alpha follows from the shape alone",
+    "convergence": "the fit of the likeliest shape did not converge",
     "time": "not all explanations were tried in the given time",
     "clip": "path and radius contradict the other frames, so that it was solved alone",
     "color": "the color is uncertain",

@@ -114,15 +114,19 @@ def error_terms(
     )
 
 
-def reasons(terms: ErrorTerms, claim: float, weights: Array, compressed: bool) -> list[str]:
+def reasons(
+    terms: ErrorTerms, claim: float, weights: Array, compressed: bool, gray: bool = False
+) -> list[str]:
     """Causes of the error that are true of the numbers, the largest first.
 
-    claim: the claimed error, which noise alone leaves. weights (n,): of the hypotheses.
+    claim: the claimed error, which noise alone leaves. weights (n,): of the hypotheses. gray: whether
+    the pictures are: then alpha without a shape says nothing.
     """
     area_error = 2 * float(np.expm1(terms.radius)) / 100  # relative, by the radius
     true = {
         "file": compressed,
         "size": area_error > GRADE_LIMITS[Grade.CONFIRMED][1],
+        "shape": not gray,
         "disagreement": len(weights) > 1 and float(np.sort(weights)[-2]) >= MIN_WEIGHT,
     }
     found = ["noise"] if claim > GRADE_LIMITS[Grade.CONFIRMED][0] else []

@@ -305,10 +305,16 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     grade, alpha_error = graded(average)
     untried = () if fitted.hypotheses is None else fitted.hypotheses.untried
     is_open = found.even_opacity_error > GRADE_LIMITS[Grade.CONFIRMED][1] or grade is not solid
-    because = reasons(terms, claim, found.weights, compressed)
-    because = _with_further(because, untried=bool(untried), opacity=is_open, gray=gray)
-    # Errors are calibrated on pictures in color, with all hypotheses; that it is solid is assumed.
-    if (untried or gray or is_open) and grade is Grade.CONFIRMED:
+    limits = {
+        "time": bool(untried),
+        "convergence": found.has_shape and not sweep.diagnostics.converged,
+        "opacity": is_open,
+        "gray": gray,
+    }
+    because = [name for name, holds in limits.items() if holds]
+    # Errors are calibrated on pictures in color, with all hypotheses, each at its largest likelihood;
+    # that the object is solid is assumed.
+    if because and grade is Grade.CONFIRMED:
         grade = Grade.PLAUSIBLE
     # The maps have no other place for an error that may be larger than all others.
     alpha_std = np.hypot(average.alpha_std, found.opacity_error * average.alpha)
@@ -328,7 +334,7 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
         alternatives=tuple(alternatives),
         claimed_error=claim,
         error_terms=terms,
-        grade_reasons=tuple(because),
+        grade_reasons=(*because, *reasons(terms, claim, found.weights, compressed, gray)),
         grade=grade,
         alpha_error=alpha_error,
         untried=untried,
@@ -339,15 +345,6 @@ def _averaged(case: Case, out: PixelMaps | None, without_shape: bool) -> Answer:
     between = found.between_shapes(fitted.hypotheses.observation)
     shown = maps, model, maps.solved, stats
     return Answer(*shown, solver, factor, between, locates=found.has_shape, assumes="")
-
-
-def _with_further(because: list[str], untried: bool, opacity: bool, gray: bool) -> list[str]:
-    """Reasons of a grade, first those that are no terms of its error."""
-    if gray:
-        because = ["gray", *(name for name in because if name != "shape")]
-    if opacity:
-        because = ["opacity", *because]
-    return ["time", *because] if untried else because
 
 
 def _written(
