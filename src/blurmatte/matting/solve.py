@@ -192,7 +192,8 @@ def _where_guessed(solution: Solution, image: LinearImage, guess: PlateGuess) ->
     """The solution without an object where the guess is the image: over that it would be seen twice.
 
     Its maps, which nothing else holds, are changed in place. If its shape on a path lies partly beyond
-    the region, its errors say that the guess shows the object.
+    the region where the guess is the image, its errors say that the guess shows the object. The plate
+    of a burst is not the image there.
     """
     outside = ~guess.hidden & np.all(image.rgb == guess.rgb, axis=-1)
     for values in (solution.alpha, solution.alpha_std):
@@ -202,7 +203,7 @@ def _where_guessed(solution: Solution, image: LinearImage, guess: PlateGuess) ->
     solution.quality[outside] |= np.uint8(Quality.OUTSIDE)
     sweep = solution.sweep
     if sweep is not None:
-        beyond = ~guess.region[rows_columns(sweep.box)]
+        beyond = (outside & ~guess.region)[rows_columns(sweep.box)]
         if (sweep.alpha_within(sweep.box)[beyond] > MIN_ALPHA).any():
             return _cut_by_region(solution)
     return replace(solution)
