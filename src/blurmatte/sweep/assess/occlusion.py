@@ -73,9 +73,11 @@ def _ends_at_edges(found: Bools, B: Array, variance: Array, use: Bools) -> bool:
     contrast = scipy.ndimage.maximum_filter(
         sum(np.mean(d**2 / variance, axis=-1) for d in slopes), _PATCH_PX
     )
-    ranks = (scipy.stats.rankdata(contrast[use]) - 0.5) / use.sum()
+    ordered, there = np.sort(contrast[use]), contrast[border]
+    below, not_above = (np.searchsorted(ordered, there, side) for side in ("left", "right"))
+    ranks = (below + not_above) / (2 * len(ordered))
     std = np.sqrt(_PATCH_PX / (12 * border.sum()))  # of a line of patches, with uniform ranks
-    return bool(ranks[border[use]].mean() > 0.5 + _MIN_BORDER_SIGMA * std)
+    return bool(ranks.mean() > 0.5 + _MIN_BORDER_SIGMA * std)
 
 
 def mean_of_neighbors(values: Floats) -> Array:
