@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from scipy.constants import g as standard_gravity
 
 from blurmatte.checks import Direction
 from blurmatte.deblurring.spin import Spin
@@ -25,6 +24,7 @@ _TOWARDS: dict[Direction, tuple[str, str]] = {
     "left": ("to the left", "to the right"),
     "right": ("to the right", "to the left"),
 }
+_STANDARD_GRAVITY = 9.80665  # m/s²
 _MAX_NAMED = 4  # frames in a sentence
 _NO_TIME = "The speed is not known without the exposure time: give it, like --exposure 1/250."
 _EITHER_END = (
@@ -223,7 +223,7 @@ def _compared(fall: FreeFall) -> list[str]:
     """Comparison with standard gravity."""
     assert fall.scale is not None
     g, std = fall.in_meters(fall.scale)
-    share, meters = g / standard_gravity, _in_meters(fall)
+    share, meters = g / _STANDARD_GRAVITY, _in_meters(fall)
     said = [f"That is {meters}, {share:.3f} of standard gravity."]
     if not fall.in_picture and not fall.rejection:  # a picture may show only a part of gravity
         said += _remedies(share, std / g)

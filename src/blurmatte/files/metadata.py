@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 from PIL.ExifTags import Base as TiffTag
 from PIL.TiffTags import BYTE, UNDEFINED
-from scipy.constants import inch
 
 from blurmatte.checks import AnyArray
 from blurmatte.errors import FileError
@@ -50,6 +49,7 @@ from blurmatte.radiometry.transfer import SRGB
 _XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
 _PNG_XMP = b"XML:com.adobe.xmp\0"  # keyword of an iTXt chunk
 _INCH, _CENTIMETER = 2, 3  # values of RESOLUTION_UNIT
+_INCH_M = 0.0254  # exact
 # TIFF tags of the layout of pixels.
 _LAYOUT = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 317, 338, 339)
 # TIFF tags that are not copied: layout, other pages, thumbnails, Photoshop's layers; XMP and ICC.
@@ -198,7 +198,7 @@ def _read_png(raster: Raster) -> Metadata:
             xmp = _png_text(data) or xmp
         elif kind == b"pHYs" and len(data) == 9 and data[8] == 1:
             x, y = struct.unpack(">2L", data[:8])
-            dpi = x * inch, y * inch
+            dpi = x * _INCH_M, y * _INCH_M
     return Metadata(exif, xmp, dpi)
 
 
@@ -320,7 +320,7 @@ def _png_chunks_of(metadata: Metadata, raster: Raster) -> list[tuple[bytes, byte
     elif raster.tags.get("Exif:ColorSpace") == ColorSpace.SRGB:
         chunks.append((b"sRGB", b"\0"))  # rendering intent: perceptual
     if metadata.dpi:
-        x, y = (round(value / inch) for value in metadata.dpi)
+        x, y = (round(value / _INCH_M) for value in metadata.dpi)
         chunks.append((b"pHYs", struct.pack(">2LB", x, y, 1)))
     exif = _exif_with_color_space(metadata, raster)
     if exif:
