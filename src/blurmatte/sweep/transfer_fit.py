@@ -6,6 +6,7 @@ correlated along every rim; before a plate of one color this may not be observab
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -117,14 +118,29 @@ def fit_transfer(
         )
     if streak is None:
         streak = require_streaks(*with_noise(image, plate))[0]
-    tried = declared, *(curve for curve in curves if curve.name != declared.name)
-    size, left = FittingSize.of(streak), []
-    fitted = streak if size is None else size.streak(streak)
-    for curve in tried:
-        pictures = with_curve(image, plate, curve)
-        if size is not None:  # means of light, which depend on the curve
-            pictures = size.pictures(*pictures, streak, measured=True)
-        left.append(_inflation_of_one_color(fitted, *pictures))
+    return _fitted(image, plate, streak, curves)
+
+
+def _fitted(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    curves: Sequence[Transfer],
+    enough: float = 0.0,
+) -> TransferFit:
+    """The fit of curves; of that of the pictures alone if it leaves no more inflation than enough.
+
+    Paths and shapes with the other curves are searched from those with that one.
+    """
+    declared, (search, disc) = image.meta.transfer, _disc_in(image, plate, streak)
+    assert declared is not None
+    tried, left = [declared], [_inflation_of_one_color(disc, search.bounds)]
+    for curve in curves if left[0] > enough else ():
+        if curve.name != declared.name:
+            again = search.with_observations(partial(_decoded_with, curve, assumed=declared))
+            other = again.of_one_paint.near(disc.family, disc.curve, disc.radius)
+            tried.append(curve)
+            left.append(_inflation_of_one_color(other, search.bounds))
     return TransferFit(tried, left)
 
 
@@ -143,17 +159,26 @@ def fit_of_doubted_curve(
     shape = accepted.silhouette if accepted is not None and accepted.model.rank == 1 else None
     if shape is not None and shape.is_disc and not shape.has("rates"):
         return None
-    fit = fit_transfer(image, plate, Streak(moved))
+    fit = _fitted(image, plate, Streak(moved), CURVES, enough=_MAX_INFLATION_RATIO)
     return None if fit.best is fit.curves[0] else fit
 
 
-def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearImage) -> float:
-    """Variance inflation of the residuals of the best disc if all of its light has one direction."""
+def _disc_in(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[Multistart, State]:
+    """The search for discs of any color in a streak, on cells of a wide one, and the best disc."""
+    image, plate = with_noise(image, plate)
+    size = FittingSize.of(streak)
+    if size is not None:
+        image, plate = size.pictures(image, plate, streak, measured=True)
+        streak = size.streak(streak)
     search = Multistart.of(streak, image, plate, ColorPrior(np.eye(3)))
-    disc = search.best()[0][0]
+    return search, search.best_of_one_paint()
+
+
+def _inflation_of_one_color(disc: State, bounds: tuple[float, float]) -> float:
+    """Variance inflation of the residuals of a disc if all of its light has one direction."""
     one_color = replace(disc.observation.color, rank=1)
     disc = disc.on(replace(disc.observation, color=one_color))
-    return minimize(disc, search.bounds).variance_inflation
+    return minimize(disc, bounds).variance_inflation
 
 
 def with_curve(

@@ -126,6 +126,11 @@ class Multistart:
         varied += self._fits(start.curve, start.radius, FAMILIES)
         return one_paint._best_refined(fits), self._best_refined(varied)
 
+    def best_of_one_paint(self) -> State:
+        """The best disc of one paint."""
+        one_paint = self.of_one_paint
+        return one_paint._best_refined(one_paint._from_all_curves())[0]
+
     @property
     def of_one_paint(self) -> "Multistart":
         """For an object of which only the brightness varies."""
