@@ -73,9 +73,9 @@ def enclosing(boxes: Iterable[Box]) -> Box:
     return int(min(x0)), int(min(y0)), int(max(x1)), int(max(y1))
 
 
-def strips(rows: int) -> list[slice]:
-    """The rows of a picture in strips, which are converted one at a time."""
-    return [slice(at, min(at + _STRIP_ROWS, rows)) for at in range(0, rows, _STRIP_ROWS)]
+def strips(rows: int, height: int = _STRIP_ROWS) -> list[slice]:
+    """The rows of a picture in strips of a height, which are taken one at a time; the last is lower."""
+    return [slice(at, min(at + height, rows)) for at in range(0, rows, height)]
 
 
 def as_array(name: str, value: object) -> Any:

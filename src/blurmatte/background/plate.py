@@ -26,7 +26,7 @@ from blurmatte.background.robust_mean import (
 )
 from blurmatte.background.robust_mean_kernel import RIM_PX
 from blurmatte.background.samples import CutError, Samples, frame_name, take_samples
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Bools, Floats, strips
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry import (
@@ -243,8 +243,7 @@ def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     shared = None if file.coding is None else np.empty_like(light)
     overlap = _CORRELATION_WINDOW_PX // 2 + RIM_PX + 1  # and what marks moving rims
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
-    for start in range(0, height, rows := max(_BAND_PIXELS // width, 1)):
-        inner = slice(start, min(start + rows, height))
+    for inner in strips(height, max(_BAND_PIXELS // width, 1)):
         outer = slice(max(inner.start - overlap, 0), min(inner.stop + overlap, height))
         modes = find_modes(samples, restless, outer)
         sums = sum_frames(samples.light.bands(outer), modes, samples.count, gains)

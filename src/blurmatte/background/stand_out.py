@@ -20,6 +20,7 @@ from blurmatte.checks import Array, Bools, Box, Floats, box_of, enclosing, grown
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, are_gray, check_picture
 from blurmatte.statistics import robust_std, seen_means
+from blurmatte.streaks.gate import overlap
 from blurmatte.streaks.streak import cells_to_pixels
 
 _CELLS = 64  # of the longer side of a picture
@@ -61,7 +62,7 @@ def regions_that_stand_out(image: LinearImage) -> list[Box]:
     uncertain: list[Bools] = []
     for part in parts:
         box = box_of(part)
-        if any(_overlap(box, other) for _, other in found):
+        if any(overlap(box, other) for _, other in found):
             continue
         # As wide as what a guess is made from at most, so that large pictures take no longer.
         near = grown(box, max(box[2] - box[0], box[3] - box[1]) + RIM_PX, image.size)
@@ -142,8 +143,3 @@ def _ratio(image: LinearImage, guess: PlateGuess) -> float:
     noise = float(guess.image_noise.variance(first.rgb)[hidden].mean())
     by_chance = float(np.mean([((one.rgb - first.rgb)[hidden] ** 2).mean() for one in draws]))
     return own / (by_chance + noise)
-
-
-def _overlap(one: Box, other: Box) -> bool:
-    (a0, b0, a1, b1), (x0, y0, x1, y1) = one, other
-    return a0 < x1 and x0 < a1 and b0 < y1 and y0 < b1

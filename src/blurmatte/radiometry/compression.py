@@ -29,7 +29,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Array, Codes8, Floats, Floats32
+from blurmatte.checks import Array, Codes8, Floats, Floats32, strips
 from blurmatte.radiometry.transfer import LUMA_WEIGHTS_709, Transfer, ycbcr_matrix
 from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 
@@ -312,8 +312,7 @@ def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> Iterator[tuple
     The mean of a block is predicted from those above and left.
     """
     above = np.zeros((0, w), np.float32)
-    for start in range(0, h, _STRIP):
-        rows = slice(start, min(start + _STRIP, h))
+    for rows in strips(h, _STRIP):
         part = plane[BLOCK * rows.start : BLOCK * rows.stop]
         sides = BLOCK * (rows.stop - rows.start), BLOCK * w
         more = [(0, side - given) for side, given in zip(sides, part.shape, strict=True)]

@@ -24,6 +24,7 @@ from blurmatte.checks import (
     check_light,
     check_map,
     rows_columns,
+    strips,
     without_mask,
 )
 from blurmatte.errors import PlateError
@@ -496,8 +497,7 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     check_channels("codes", codes)
     top = np.iinfo(codes.dtype).max
     table, light = transfer.table(top + 1).astype(np.float32), np.empty(codes.shape, np.float32)
-    band = 16  # rows at a time: NumPy converts the codes to indices of eight bytes
-    for rows in (slice(start, start + band) for start in range(0, len(codes), band)):
+    for rows in strips(len(codes), 16):  # NumPy converts the codes to indices of eight bytes
         table.take(codes[rows], out=light[rows], mode="clip")  # no code is beyond the table
     red, green, blue = (codes[..., c] != top for c in range(3))
     valid = red & green & blue  # eight times as fast as `all` over the last axis

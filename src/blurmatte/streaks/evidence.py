@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from blurmatte.checks import Bools, Floats, Indices
+from blurmatte.checks import Bools, Floats, Indices, strips
 from blurmatte.radiometry import LinearImage, Noise, rounding_noise
 from blurmatte.radiometry.image import VARIANCE_FLOOR, part_of
 from blurmatte.statistics import cell_means, robust_std
@@ -90,14 +90,13 @@ def _cells_of(image: LinearImage, plate: LinearImage, cell: int) -> tuple[Floats
 
     Strips avoid copies of large pictures.
     """
-    strips = []
-    for start in range(0, len(image.valid), cell * STRIP_ROWS):
-        rows = slice(start, start + cell * STRIP_ROWS)
+    parts = []
+    for rows in strips(len(image.valid), cell * STRIP_ROWS):
         used = image.valid[rows] & plate.valid[rows]
         d = np.where(used[..., None], image.rgb[rows] - plate.rgb[rows], 0)
         known = in_cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
-        strips.append((in_cells(d, cell), in_cells(plate.rgb[rows], cell), known))
-    differences, plates, valid = map(np.concatenate, zip(*strips, strict=True))
+        parts.append((in_cells(d, cell), in_cells(plate.rgb[rows], cell), known))
+    differences, plates, valid = map(np.concatenate, zip(*parts, strict=True))
     return differences, plates, valid
 
 

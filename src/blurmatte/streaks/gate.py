@@ -7,14 +7,14 @@ frame's gain, and σ its standard deviation without motion, measured from the di
 frames. Both are in sums of code values.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 import scipy
 
-from blurmatte.checks import Bools, Box, Floats32, check_same_size, enclosing, grown
+from blurmatte.checks import Bools, Box, Floats32, check_same_size, enclosing, grown, strips
 from blurmatte.compiling import njit
 from blurmatte.radiometry.coded import CodedFrame, Planes
 from blurmatte.radiometry.compression import BLOCK
@@ -81,7 +81,7 @@ class Gate:
             stds: tuple[list[Floats32], list[Floats32]] = [], []
             side = len(padded[c]) // len(cells)
             # Few frames share one median of the whole picture.
-            for rows in _strips(len(cells), len(cells) if len(few) < _MIN_SAMPLES else strip):
+            for rows in strips(len(cells), len(cells) if len(few) < _MIN_SAMPLES else strip):
                 own, part = slice(side * rows.start, side * rows.stop), cells[rows]
                 shown = ((_summed(p[c][own], part.shape, plate.zero[c]), gain) for p, gain in few)
                 d = np.stack([summed - gain * part for summed, gain in shown])
@@ -202,11 +202,6 @@ def _gain(plane: npt.NDArray[np.generic], zero: float, expected: Floats32) -> fl
     return gain if abs(gain - 1) > _MAX_GAIN_CHANGE else 1.0
 
 
-def _strips(height: int, rows: int) -> Iterator[slice]:
-    """Strips of so many rows; the last may have fewer."""
-    return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
-
-
 def _std(differences: Floats32) -> Floats32:
     """From a low quantile of |d| over frames: an object may cover half of them. Overwrites d."""
     sizes = np.abs(differences, out=differences)
@@ -243,7 +238,7 @@ def joined(boxes: Iterable[Box]) -> list[Box]:
     rest, whole = sorted(boxes), list[Box]()
     while rest:
         box, others = rest[0], rest[1:]
-        touching = [other for other in others if _overlap(box, other)]
+        touching = [other for other in others if overlap(box, other)]
         if touching:
             box = enclosing([box, *touching])
             rest = [box, *(other for other in others if other not in touching)]
@@ -253,7 +248,8 @@ def joined(boxes: Iterable[Box]) -> list[Box]:
     return sorted(whole)
 
 
-def _overlap(a: Box, b: Box) -> bool:
+def overlap(a: Box, b: Box) -> bool:
+    """Whether two boxes have a pixel in common."""
     return a[0] < b[2] and b[0] < a[2] and a[1] < b[3] and b[1] < a[3]
 
 
