@@ -7,6 +7,7 @@ import shlex
 import sys
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -130,7 +131,8 @@ def solve(
     row = replace(row, settings={**settings, "solver": f"{solver} {how.seconds} {how.opacity}"})
     match = matching_of(plate.match)
     task = PictureOptions(plates, notes, selection, how.occluder, method, match)
-    solve_row(row, _OneOfRow(task, verbosity()), required, clip.workers, as_json)
+    work = partial(_solve_in_row, task, verbosity())
+    solve_row(row, work, required, clip.workers, as_json)
 
 
 def _plate_missing(images: list[str]) -> ValueError:
@@ -148,23 +150,17 @@ def _plate_missing(images: list[str]) -> ValueError:
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _OneOfRow:
-    """Solves one image of a row; runs in any process."""
+def _solve_in_row(task: PictureOptions, wanted: Verbosity, path: Path, folder: Path) -> Printed:
+    """Solve one image of a row; runs in any process."""
+    from blurmatte.cli.picture_rows import refusal, solved_picture
 
-    task: PictureOptions
-    verbosity: Verbosity
-
-    def __call__(self, path: Path, folder: Path) -> Printed:
-        from blurmatte.cli.picture_rows import refusal, solved_picture
-
-        try:
-            here = verbosity() == self.verbosity  # this process: its progress is shown
-            with nullcontext() if here else printing(self.verbosity):
-                lines, solution = _solve_one(self.task, path, folder)
-        except bm.BlurmatteError as error:
-            return refusal(path, error)
-        return lines, solved_picture(path, folder, solution)
+    try:
+        here = verbosity() == wanted  # this process: its progress is shown
+        with nullcontext() if here else printing(wanted):
+            lines, solution = _solve_one(task, path, folder)
+    except bm.BlurmatteError as error:
+        return refusal(path, error)
+    return lines, solved_picture(path, folder, solution)
 
 
 def _solve_one(task: PictureOptions, path: Path, folder: Path) -> tuple[list[str], bm.Solution]:
