@@ -453,7 +453,7 @@ def test_variance_of_light_is_the_noise_model():
     noise = NoiseModel(gain=(1e-3, 2e-3, 3e-3), read_std=0.01, relative_std=(0.1, 0.2, 0.3))
     coefficients = tuple(noise.coefficients.ravel())
     for light in (-0.5, 0.0, 0.2, 1.5):
-        seen = [kernel._variance.py_func(light, coefficients, c) for c in range(3)]
+        seen = [kernel.variance_at.py_func(light, coefficients, c) for c in range(3)]
         assert_allclose(seen, noise.variance(np.full(3, light)), rtol=1e-6)
 
 

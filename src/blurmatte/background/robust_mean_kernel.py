@@ -20,14 +20,15 @@ MIN_SEEN = np.float32(-1024)  # that of any other, over its gain
 
 
 @njit(inline="always", fastmath=FAST_MATH)
-def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
+def variance_at(light, noise, channel):  # type: ignore[no-untyped-def]
+    """σ² of a channel's light by the coefficients (9,) of a `NoiseModel`."""
     x = max(light, ZERO)
     return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
 
 
 @njit(inline="always", fastmath=FAST_MATH)
 def _precision(light, noise, channel, spread):  # type: ignore[no-untyped-def]
-    return ONE / (spread * _variance(light, noise, channel))
+    return ONE / (spread * variance_at(light, noise, channel))
 
 
 @njit(fastmath=FAST_MATH)

@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.background.robust_mean_kernel import variance_at
 from blurmatte.checks import Box, Codes, Codes8, Floats, check_map, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import MARGIN_PX
@@ -215,12 +216,6 @@ def _coefficients(noise: Noise | Floats, dtype: np.dtype[Any]) -> tuple[Any, ...
 
 
 @njit(inline="always", fastmath=_FAST_MATH)
-def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
-    x = max(light, ZERO)
-    return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
-
-
-@njit(inline="always", fastmath=_FAST_MATH)
 def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
     """(α, Var α, χ², P, Var P) of one pixel; C, B, vC, vB are triples, N two normals and the pad."""
     n00, n01, n02, n10, n11, n12, pad = N
@@ -299,8 +294,8 @@ def solve_light(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
     for i in range(maps[0].shape[0]):
         c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
         b = (B[3 * i], B[3 * i + 1], B[3 * i + 2])
-        v = (_variance(c[0], vC, 0), _variance(c[1], vC, 1), _variance(c[2], vC, 2))
-        w = (_variance(b[0], vB, 0), _variance(b[1], vB, 1), _variance(b[2], vB, 2))
+        v = (variance_at(c[0], vC, 0), variance_at(c[1], vC, 1), variance_at(c[2], vC, 2))
+        w = (variance_at(b[0], vB, 0), variance_at(b[1], vB, 1), variance_at(b[2], vB, 2))
         answer = _solve_pixel(c, b, v, w, N)
         _store(i, answer, max_std, maps)
 
