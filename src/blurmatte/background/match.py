@@ -15,16 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from blurmatte.background.warp import (
-    IDENTITY_LIGHT,
-    Warp,
-    homography,
-    interpolated_variance,
-    to_centered,
-    warped,
-    warped_linearly,
-    warped_mask,
-)
+from blurmatte.background import warp
 from blurmatte.checks import Array, Floats, check_same_size
 from blurmatte.radiometry import LinearImage, check_picture
 
@@ -68,7 +59,7 @@ class Bands:
 
     def period(self, size: tuple[int, int]) -> float:
         """Pixels from one band to the next in a picture of `size`."""
-        return float(2 * np.pi / self.frequency / to_centered(size)[0, 0])
+        return float(2 * np.pi / self.frequency / warp.to_centered(size)[0, 0])
 
     @property
     def amplitude(self) -> float:
@@ -97,7 +88,7 @@ def functions_of_bands(t: Array, frequency: float, harmonics: int) -> Array:
 
 def coordinates_across(size: tuple[int, int], axis: int) -> Array:
     """(n,) t of the rows or columns of a picture."""
-    to, k = to_centered(size), 1 - axis
+    to, k = warp.to_centered(size), 1 - axis
     return np.asarray(np.arange(size[k]) * to[k, k] + to[k, 2])
 
 
@@ -152,7 +143,7 @@ class Match:
     @classmethod
     def nothing(cls, size: tuple[int, int]) -> "Match":
         """The identity, for pictures of `size` (width, height)."""
-        return cls(size, np.zeros(8), IDENTITY_LIGHT, np.zeros(8), np.zeros((7, 3)))
+        return cls(size, np.zeros(8), warp.IDENTITY_LIGHT, np.zeros(8), np.zeros((7, 3)))
 
     def __repr__(self) -> str:
         return f"Match({self.in_words})"
@@ -165,13 +156,13 @@ class Match:
     @property
     def changes_light(self) -> bool:
         """Whether gain, offset, field or bands differ from the identity."""
-        return self.bands is not None or bool((self.light != IDENTITY_LIGHT).any())
+        return self.bands is not None or bool((self.light != warp.IDENTITY_LIGHT).any())
 
     @property
     def homography(self) -> Array:
         """(3, 3) from pixels of the image to pixels of the plate, homogeneous."""
-        to = to_centered(self.size)
-        return np.asarray(np.linalg.inv(to) @ homography(self.h) @ to)
+        to = warp.to_centered(self.size)
+        return np.asarray(np.linalg.inv(to) @ warp.homography(self.h) @ to)
 
     @property
     def shift(self) -> tuple[float, float]:
@@ -267,16 +258,16 @@ class Match:
         return replace(plate, rgb=rgb, noise=noise)
 
     @property
-    def _warp(self) -> Warp:
-        return Warp(self.h, self.size)
+    def _warp(self) -> warp.Warp:
+        return warp.Warp(self.h, self.size)
 
     def _warped(self, plate: LinearImage) -> LinearImage:
         noise = None
         if plate.noise is not None:
-            kept = interpolated_variance(self._warp.points(self._sample()))
-            noise = warped_linearly(plate.variance, self._warp) * plate.rgb.dtype.type(kept)
-        valid = warped_mask(plate.valid, self._warp)
-        return replace(plate, rgb=warped(plate.rgb, self._warp), noise=noise, valid=valid)
+            kept = warp.interpolated_variance(self._warp.points(self._sample()))
+            noise = warp.warped_linearly(plate.variance, self._warp) * plate.rgb.dtype.type(kept)
+        valid = warp.warped_mask(plate.valid, self._warp)
+        return replace(plate, rgb=warp.warped(plate.rgb, self._warp), noise=noise, valid=valid)
 
     def _sample(self) -> Array:
         """(n, 2) about ten thousand pixels over the picture."""

@@ -8,22 +8,7 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.calibration import (
-    curve_in_words,
-    noise_in_words,
-    plate_in_words,
-    response_in_words,
-)
-from blurmatte.explain.motion import (
-    ball_in_words,
-    depth_in_words,
-    fall_in_words,
-    motion_in_words,
-    plane_motion_in_words,
-    rotation_in_words,
-    scatter_in_words,
-    speed_in_words,
-)
+from blurmatte.explain import calibration, motion
 from blurmatte.explain.solution import solution_in_words
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.fall import FreeFall
@@ -83,18 +68,18 @@ def _directions(model: ColorModel) -> str:
 _WORDS: dict[type, Callable[[Any], Iterable[str]]] = {
     ColorModel: color_in_words,
     Solution: solution_in_words,
-    PlateFit: plate_in_words,
-    NoiseFit: noise_in_words,
-    Transfer: curve_in_words,
-    ResponseFit: response_in_words,
-    Motion: motion_in_words,
-    Speed: speed_in_words,
-    BallMotion: ball_in_words,
-    PlaneMotion: plane_motion_in_words,
-    BlurDepth: depth_in_words,
-    Rotation: rotation_in_words,
-    FreeFall: fall_in_words,
-    Scatter: scatter_in_words,
+    PlateFit: calibration.plate_in_words,
+    NoiseFit: calibration.noise_in_words,
+    Transfer: calibration.curve_in_words,
+    ResponseFit: calibration.response_in_words,
+    Motion: motion.motion_in_words,
+    Speed: motion.speed_in_words,
+    BallMotion: motion.ball_in_words,
+    PlaneMotion: motion.plane_motion_in_words,
+    BlurDepth: motion.depth_in_words,
+    Rotation: motion.rotation_in_words,
+    FreeFall: motion.fall_in_words,
+    Scatter: motion.scatter_in_words,
 }
 
 

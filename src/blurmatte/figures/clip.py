@@ -12,20 +12,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools, Codes8
 from blurmatte.errors import BlurmatteError
-from blurmatte.figures import style
-from blurmatte.figures.drawing import (
-    Color,
-    color_of_hex,
-    draw_line,
-    ellipse_enlargement,
-    figure_pixels,
-    fitted,
-    new_figure,
-    principal_axes,
-    round_up,
-    sheet_style,
-    srgb_codes,
-)
+from blurmatte.figures import drawing, style
 from blurmatte.figures.sheet import Canvas, Layout, Panel
 from blurmatte.layer import Layer
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, by_object
@@ -184,9 +171,9 @@ def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
     corners = np.clip((boxes[:, :2] + boxes[:, 2:] - room) // 2, 0, solved[0].layer.size - room)
     crops = [(int(x), int(y), int(x + room[0]), int(y + room[1])) for x, y in corners]
     parts = [one.layer.crop(crop) for one, crop in zip(solved, crops, strict=True)]
-    peak = round_up(max(float(part.alpha.max()) for part in parts))
+    peak = drawing.round_up(max(float(part.alpha.max()) for part in parts))
     shown = [
-        Panel(srgb_codes(one.image.in_srgb().crop(crop).rgb), f"frame {one.frame}")
+        Panel(drawing.srgb_codes(one.image.in_srgb().crop(crop).rgb), f"frame {one.frame}")
         for one, crop in zip(solved, crops, strict=True)
     ]
     shown += [
@@ -198,7 +185,7 @@ def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
     sheet.grid(shown, "frames and their alpha", layout)
 
 
-def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[Color, str]]:
+def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[drawing.Color, str]]:
     """What the colors of the paths mean."""
     crosses = f"standard deviations of the centers, {enlarged:g} times enlarged"
     within = (style.BRIGHT, "path within an exposure")
@@ -215,7 +202,7 @@ def _paths(
     """The plate with the paths of all objects, and the factor that enlarges the crosses."""
     from PIL import ImageDraw
 
-    picture, scale = fitted(plate.in_srgb(), (style.CONTENT_WIDTH, MAX_PATHS_HEIGHT))
+    picture, scale = drawing.fitted(plate.in_srgb(), (style.CONTENT_WIDTH, MAX_PATHS_HEIGHT))
     pen = ImageDraw.Draw(picture)
     sights = [row.sighting for row in found if row.sighting is not None and not _doubted(row)]
     enlarged = _enlarged(sights, scale)
@@ -258,16 +245,16 @@ def _name(number: int) -> str:
     return _PALETTE[(number - 1) % len(_PALETTE)]
 
 
-def _color(number: int) -> Color:
-    return color_of_hex(_name(number))
+def _color(number: int) -> drawing.Color:
+    return drawing.color_of_hex(_name(number))
 
 
 def _draw_path(
     pen: Any,
     path: Sequence[FrameMotion],
     scale: float,
-    between: Color,
-    crosses: Color,
+    between: drawing.Color,
+    crosses: drawing.Color,
     enlarged: float,
 ) -> None:
     """Draw the path between frames, within each exposure, and the errors of the centers."""
@@ -275,7 +262,9 @@ def _draw_path(
         if a.track != b.track or _doubted(a) or _doubted(b):
             continue
         if a.sighting is not None and b.sighting is not None:
-            draw_line(pen, [a.sighting.motion.center, b.sighting.motion.center], scale, between)
+            drawing.draw_line(
+                pen, [a.sighting.motion.center, b.sighting.motion.center], scale, between
+            )
     for row in path:
         if (s := _motion(row)) is None:
             continue
@@ -283,17 +272,17 @@ def _draw_path(
         if _doubted(row):
             _draw_dashes(pen, ends, scale, between)
             continue
-        draw_line(pen, ends, scale, style.BRIGHT)
-        for axis in enlarged * principal_axes(s.center_covariance):
-            draw_line(pen, [s.center - axis, s.center + axis], scale, crosses)
+        drawing.draw_line(pen, ends, scale, style.BRIGHT)
+        for axis in enlarged * drawing.principal_axes(s.center_covariance):
+            drawing.draw_line(pen, [s.center - axis, s.center + axis], scale, crosses)
 
 
-def _draw_dashes(pen: Any, ends: Array, scale: float, color: Color) -> None:
+def _draw_dashes(pen: Any, ends: Array, scale: float, color: drawing.Color) -> None:
     """Draw a dashed line between two ends (2, 2), with dashes of 8 pixels of the sheet."""
     count = max(round(float(np.linalg.norm(ends[1] - ends[0])) * scale / (2 * 8)), 1)
     for k in range(count):
         t = (np.array([k, k + 0.5]) + 0.25)[:, None] / count
-        draw_line(pen, (1 - t) * ends[0] + t * ends[1], scale, color)
+        drawing.draw_line(pen, (1 - t) * ends[0] + t * ends[1], scale, color)
 
 
 def _number(pen: Any, number: int, path: Sequence[FrameMotion], scale: float) -> None:
@@ -314,7 +303,7 @@ def _enlarged(sights: Sequence[Sighting], scale: float) -> float:
     if not sights:
         return 1.0
     usual = float(np.median([np.hypot(*s.motion.center_std) for s in sights]))
-    return ellipse_enlargement(usual, 20 / scale)
+    return drawing.ellipse_enlargement(usual, 20 / scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -451,10 +440,10 @@ def _with_charts(picture: Codes8, charts: _Charts) -> list[Codes8]:
 def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Codes8:
     """Draw the charts in columns on (width, height) pixels."""
     dpi = 100
-    figure = new_figure((size[0] / dpi, size[1] / dpi), dpi)
-    with sheet_style(figure):
+    figure = drawing.new_figure((size[0] / dpi, size[1] / dpi), dpi)
+    with drawing.sheet_style(figure):
         _draw_axes(figure, charts, columns)
-        return figure_pixels(figure)
+        return drawing.figure_pixels(figure)
 
 
 def _draw_axes(figure: Any, charts: _Charts, columns: int) -> None:

@@ -7,17 +7,7 @@ import numpy as np
 from blurmatte.checks import Array, Box, Codes8, check_kind, check_same_size, rows_columns
 from blurmatte.deblurring.sharp import Sharp
 from blurmatte.explain.explain import explain
-from blurmatte.figures import style
-from blurmatte.figures.drawing import (
-    draw_line,
-    ellipse_enlargement,
-    error_ellipse,
-    fitted,
-    light_of_codes,
-    round_up,
-    srgb_codes,
-    unit_circle,
-)
+from blurmatte.figures import drawing, style
 from blurmatte.figures.sheet import Canvas, Layout, Panel, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution, check_solution
@@ -67,7 +57,7 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes
 def draw_path(motion: Motion) -> Codes8:
     """Draw a motion as `draw_motion` does, without its picture."""
     box = _around(motion)
-    ground = light_of_codes(np.array(style.NEUTRAL, np.uint8))
+    ground = drawing.light_of_codes(np.array(style.NEUTRAL, np.uint8))
     empty = np.broadcast_to(ground, (box[3] - box[1], box[2] - box[0], 3))
     return _drawn(LinearImage(np.array(empty)), box, motion, "")
 
@@ -76,15 +66,18 @@ def _drawn(part: LinearImage, box: Box, motion: Motion, source: str) -> Codes8:
     """The sheet of a motion over the part of a picture in a box."""
     from PIL import ImageDraw
 
-    picture, scale = fitted(part, (style.CONTENT_WIDTH, style.MAX_PICTURE_HEIGHT))
+    picture, scale = drawing.fitted(part, (style.CONTENT_WIDTH, style.MAX_PICTURE_HEIGHT))
     pen, corner = ImageDraw.Draw(picture), np.array(box[:2], float)
-    draw_line(pen, motion.trajectory.xy - corner, scale)
+    drawing.draw_line(pen, motion.trajectory.xy - corner, scale)
     enlarged = _enlarged(motion, scale)
     for t in (0, 1):
-        draw_line(pen, _outline(motion, t) - corner, scale)
+        drawing.draw_line(pen, _outline(motion, t) - corner, scale)
         place = motion.trajectory.at(t) - corner
-        draw_line(
-            pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, style.STREAK
+        drawing.draw_line(
+            pen,
+            drawing.error_ellipse(place, motion.place_covariance(t), enlarged),
+            scale,
+            style.STREAK,
         )
     sheet = Canvas()
     sheet.title(source or "blurmatte", repr(motion))
@@ -106,13 +99,13 @@ def _outline(motion: Motion, t: float) -> Array:
     """Outline of the silhouette, or of the disc of its area if there is no fitted shape."""
     if motion.sweep is not None:
         return motion.outline_at(t)
-    return np.asarray(motion.trajectory.at(t) + motion.radius * unit_circle())
+    return np.asarray(motion.trajectory.at(t) + motion.radius * drawing.unit_circle())
 
 
 def _enlarged(motion: Motion, scale: float) -> float:
     """Factor at which the ellipses are visible and still smaller than the object."""
     largest = max(float(np.sqrt(np.trace(motion.place_covariance(t)))) for t in (0, 1))
-    return ellipse_enlargement(largest, max(motion.radius, 20 / scale))
+    return drawing.ellipse_enlargement(largest, max(motion.radius, 20 / scale))
 
 
 def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8:
@@ -160,8 +153,8 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8
     part = moments[1].crop(close)
     std = np.sqrt(np.mean(sharp.color_std[rows_columns(close)] ** 2, axis=-1))
     panels = [
-        Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
-        Panel.gray(std, round_up(float(std.max())), "error of the color"),
+        Panel(drawing.srgb_codes(part.straight()), "color", "in the middle of the exposure"),
+        Panel.gray(std, drawing.round_up(float(std.max())), "error of the color"),
     ]
     sheet.grid(panels, "the color and its standard deviation", _layout(part.size, 2, [2]))
     panels = [Panel.layer(one.crop(box), "") for one in sharp.subframes(_STRIP)]

@@ -31,18 +31,7 @@ from blurmatte.explain.solution import (
     likeliest_shape,
     sure_pixels,
 )
-from blurmatte.figures import style
-from blurmatte.figures.drawing import (
-    Color,
-    checkerboard,
-    draw_line,
-    fitted,
-    heat_codes,
-    light_of_codes,
-    round_up,
-    srgb_codes,
-    swatch,
-)
+from blurmatte.figures import drawing, style
 from blurmatte.figures.sheet import Canvas, Layout, Panel, size_text
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.matting.solution import Solution, check_solution
@@ -50,7 +39,7 @@ from blurmatte.matting.summary import MAX_ALTERNATIVES, Alternative
 from blurmatte.radiometry import LinearImage, check_picture
 
 _BANNERS = {Grade.PLAUSIBLE: style.STREAK, Grade.ASSUMED: style.WARNING}
-_FLAGS: dict[Quality, tuple[Color, str]] = {
+_FLAGS: dict[Quality, tuple[drawing.Color, str]] = {
     Quality.MISFIT: ((255, 122, 40), "misfit"),
     Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
     Quality.SATURATED: ((236, 64, 190), "clipped"),
@@ -175,7 +164,7 @@ def _draw_swatch(sheet: Canvas, x: int, y: int, width: int, one: Alternative, gr
     """
     if not gray:
         height = 48
-        sheet.paste(swatch(one.hex, (height, width)), x, y)
+        sheet.paste(drawing.swatch(one.hex, (height, width)), x, y)
         y += height + 6
     weight = f"weight {one.weight:.2f}" if one.weight >= 0.01 else "weight < 0.01"
     name = () if gray else (one.hex,)
@@ -191,8 +180,10 @@ def _panels(
 ) -> list[Panel]:
     part = solution.within(place)
     layer = part.layer
-    peak = round_up(min(alpha_peak(part), 1))
-    background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
+    peak = drawing.round_up(min(alpha_peak(part), 1))
+    background = replace(
+        image, rgb=drawing.checkerboard(part.alpha.shape), valid=part.streak, noise=None
+    )
     return [
         Panel(image.rgb[place], "image"),
         *_plate_panels(plate, place),
@@ -214,7 +205,7 @@ def _plate_panels(plate: LinearImage, place: tuple[slice, slice]) -> list[Panel]
     box = enclosing([plate.surroundings, shown])
     part, place = plate.around_hidden(box), rows_columns(shown, box)
     std = np.where(part.hidden, np.sqrt(np.asarray(part.variance).mean(axis=-1)), 0)
-    top = round_up(float(np.percentile(std[part.hidden], 98)))
+    top = drawing.round_up(float(np.percentile(std[part.hidden], 98)))
     return [
         Panel(light, "plate", "a guess"),
         Panel(part.plates[1].in_srgb().rgb[place], "as likely", "another scene"),
@@ -256,42 +247,42 @@ def _swatch(model: ColorModel, width: int) -> list[Codes8]:
     rows, height = list[Codes8](), 56
     if model.rank > 1 and model.color:
         height = 56 if model.rank == 3 else 40
-        rows.append(swatch(model.color, (height, width)))
+        rows.append(drawing.swatch(model.color, (height, width)))
         height = 56 - height
     if model.rank < 3:
         mix = np.linspace(0, 1, width)[None, :, None]
         first, last = (0 * model.srgb[0], *model.srgb)[-2:]
-        rows.append(srgb_codes((1 - mix) * first + mix * last).repeat(height, axis=0))
+        rows.append(drawing.srgb_codes((1 - mix) * first + mix * last).repeat(height, axis=0))
     return rows
 
 
 def _possible(model: ColorModel) -> list[Codes8]:
     """A row of swatches of the possible colors for each color of the model."""
     colors = np.stack([other.srgb for other in model.possible], axis=1)
-    return [srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
+    return [drawing.srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
 
 
 def _shown_color(part: Solution) -> Floats:
     color = part.layer.straight()
-    color[~sure_pixels(part)] = light_of_codes(np.array(style.NEUTRAL, np.uint8))
+    color[~sure_pixels(part)] = drawing.light_of_codes(np.array(style.NEUTRAL, np.uint8))
     return color
 
 
 def _error_panel(part: Solution) -> Panel:
     inside = part.streak & part.known
     std = part.alpha_std[inside]
-    top = round_up(float(np.percentile(std, 98))) if std.size else 1.0
+    top = drawing.round_up(float(np.percentile(std, 98))) if std.size else 1.0
     with np.errstate(invalid="ignore"):
         position = np.clip(np.nan_to_num(part.alpha_std / top, nan=1.0), 0, 1)
-    pixels = heat_codes(position)
-    legend: list[tuple[Color | None, str]] = [(None, f"0 to {top:g}")]
+    pixels = drawing.heat_codes(position)
+    legend: list[tuple[drawing.Color | None, str]] = [(None, f"0 to {top:g}")]
     for flag, (color, name) in _FLAGS.items():
         flagged = part.streak & ((part.quality & flag) != 0)
         pixels[flagged] = color
         share = float(np.mean(flagged[part.streak])) if part.streak.any() else 0.0
         if share >= 0.0005:
             legend.append((color, f"{name} {share:.1%}"))
-    outside = heat_codes(np.zeros_like(position)) // 2
+    outside = drawing.heat_codes(np.zeros_like(position)) // 2
     pixels = np.where(part.streak[..., None], pixels, outside)
     return Panel(pixels, "error", "std of alpha in the streak", legend)
 
@@ -302,7 +293,7 @@ def _whole(image: LinearImage, solution: Solution) -> Codes8:
 
     text_width = 560
     room = style.CONTENT_WIDTH - style.GAP - text_width, style.MAX_PICTURE_HEIGHT
-    picture, scale = fitted(image, room)
+    picture, scale = drawing.fitted(image, room)
     size, pen = picture.size, ImageDraw.Draw(picture)
     for box in solution.stats.other_boxes:
         pen.rectangle(_scaled(box, scale, size), outline=style.OTHER, width=1)
@@ -318,9 +309,9 @@ def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
     shape = likeliest_shape(solution)
     if shape is None:
         return
-    draw_line(pen, shape.xy, scale)
+    drawing.draw_line(pen, shape.xy, scale)
     for outline in shape.outlines:
-        draw_line(pen, [*outline, outline[0]], scale)
+        drawing.draw_line(pen, [*outline, outline[0]], scale)
 
 
 def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:
@@ -344,7 +335,7 @@ def draw_parallax(picture: LinearImage, regions: Sequence[ParallaxRegion]) -> Co
     (H, W, 3) uint8
         sRGB-coded.
     """
-    codes = srgb_codes(picture.in_srgb().rgb)
+    codes = drawing.srgb_codes(picture.in_srgb().rgb)
     drawn = codes // 3
     for region in regions:
         place = rows_columns(region.box)
@@ -380,11 +371,13 @@ def draw_plate(fit: PlateFit) -> Codes8:
     """
     plate = fit.plate
     known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))
-    light = np.where(known[..., None], srgb_codes(plate.rgb), np.array(style.UNKNOWN, np.uint8))
+    light = np.where(
+        known[..., None], drawing.srgb_codes(plate.rgb), np.array(style.UNKNOWN, np.uint8)
+    )
     for region in () if fit.camera is None else fit.camera.parallax:
         light = _outlined(light, region.box)
-    top = round_up(float(np.percentile(std[known], 98)))
-    errors = heat_codes(np.clip(std / top, 0, 1))
+    top = drawing.round_up(float(np.percentile(std[known], 98)))
+    errors = drawing.heat_codes(np.clip(std / top, 0, 1))
     errors[~known] = style.UNKNOWN
     unknown = (style.UNKNOWN, f"not known or clipped {1 - known.mean():.1%}")
     sheet = Canvas()

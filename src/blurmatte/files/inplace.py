@@ -12,17 +12,10 @@ import numpy as np
 
 from blurmatte.checks import AnyArray, Bools, check_map, check_same_size
 from blurmatte.errors import FileError, warn
+from blurmatte.files import metadata
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
 from blurmatte.files.errors import format_of
-from blurmatte.files.metadata import (
-    current_segments,
-    further_pictures,
-    raster_colors,
-    save_new_jpeg,
-    save_png,
-    save_tiff,
-)
 from blurmatte.files.raster import Raster, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
@@ -111,7 +104,7 @@ def _warn_of_further_pictures(target: Path, source: Path) -> None:
     """Warn of what a JPEG has besides its picture."""
     if format_of(source) is not JPEG:
         return
-    if others := further_pictures(metadata_segments(source.read_bytes())):
+    if others := metadata.further_pictures(metadata_segments(source.read_bytes())):
         warn(
             f"{target}: without the {' and the '.join(others)} of {source.name}, which would show "
             "the old picture"
@@ -146,13 +139,13 @@ def _save_pixels(target: Path, raster: Raster, upright: AnyArray, changed: Bools
     pixels, form = raster.orientation.stored(upright), named(target)
     with replacing(target, extension_of(target)) as temporary:
         if form is PNG:
-            save_png(temporary, raster, pixels)
+            metadata.save_png(temporary, raster, pixels)
         elif form is TIFF:
-            save_tiff(temporary, raster, pixels)
+            metadata.save_tiff(temporary, raster, pixels)
         elif raster.format is JPEG:
             _save_same_jpeg(temporary, raster, pixels, raster.orientation.stored(changed))
         else:
-            save_new_jpeg(temporary, raster, pixels)
+            metadata.save_new_jpeg(temporary, raster, pixels)
 
 
 def _light(
@@ -195,8 +188,8 @@ def _gray(raster: Raster, values: AnyArray) -> AnyArray:
 def _save_same_jpeg(path: Path, raster: Raster, pixels: AnyArray, changed: Bools) -> None:
     try:
         jpeg = read_jpeg(raster.path.read_bytes())
-        jpeg = replace_blocks(jpeg, raster_colors(raster, pixels), changed)
-        content = jpeg_bytes(replace(jpeg, metadata=current_segments(jpeg.metadata)))
+        jpeg = replace_blocks(jpeg, metadata.raster_colors(raster, pixels), changed)
+        content = jpeg_bytes(replace(jpeg, metadata=metadata.current_segments(jpeg.metadata)))
     except JpegError as error:
         raise FileError(
             f"{raster.path}: write .png instead; its blocks cannot be replaced, because {error}"

@@ -26,15 +26,9 @@ from blurmatte.errors import FileError, optional_library
 from blurmatte.files.errors import check_size, silent_libraries
 from blurmatte.files.icc import BT709, xyz_of
 from blurmatte.formats import MAX_PIXELS
+from blurmatte.radiometry import sensor
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.noise_model import NoiseModel
-from blurmatte.radiometry.sensor import (
-    Orientation,
-    demosaic,
-    sees_all_colors,
-    tiled,
-    variance_shares,
-)
 from blurmatte.radiometry.transfer import Matrix3
 
 Tags = Mapping[int, Any]
@@ -100,7 +94,7 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
     # LibRaw's flip: 1 mirrored + 2 upside down + 4 transposed after that.
     mirrored, upside_down, transposed = (bool(raw.sizes.flip & bit) for bit in (1, 2, 4))
     flips = (upside_down, mirrored) if transposed else (mirrored, upside_down)
-    turn = Orientation(transposed, *flips)
+    turn = sensor.Orientation(transposed, *flips)
     noise = _noise(directories, shares)
     meta = _meta(path, raw, directories, round(white - black.max()) + 1)
     meta = replace(meta, readout=turn.readout)
@@ -141,14 +135,14 @@ def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Float
     colors = _pattern(path, raw)
     scale = np.float32(1 / (white - black.max()))  # one for all [DNG 1.4 ch. 5]
     light = mosaic.astype(np.float32)
-    light -= tiled(black[colors], mosaic.shape)
+    light -= sensor.tiled(black[colors], mosaic.shape)
     light *= scale
-    clipped = mosaic >= tiled(_clipping(raw, black, white)[colors], mosaic.shape)
+    clipped = mosaic >= sensor.tiled(_clipping(raw, black, white)[colors], mosaic.shape)
     pattern = _with_one_green(colors)
-    rgb = demosaic(light, pattern)
+    rgb = sensor.demosaic(light, pattern)
     if clipped.any():
         _raise_to_white(rgb, clipped, pattern)
-    return rgb, ~_around(clipped), variance_shares(pattern)
+    return rgb, ~_around(clipped), sensor.variance_shares(pattern)
 
 
 def _of_three(
@@ -174,7 +168,7 @@ def _pattern(path: Path, raw: Any) -> Ints:
     if period is not None and raw.color_desc == b"RGBG" and raw.sizes.pixel_aspect == 1:
         height, width = period.shape
         colors = np.array(raw.raw_colors_visible[:height, :width])
-        if sees_all_colors(_with_one_green(colors)):
+        if sensor.sees_all_colors(_with_one_green(colors)):
             return colors
     raise FileError(
         f"{path}: develop it to 16-bit linear TIFF; "
@@ -196,7 +190,7 @@ def _clipping(raw: Any, black: Floats, white: float) -> Floats:
 def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Ints) -> None:
     """Raise the values that a clipped pixel contributes to, to white or more."""
     for c in range(3):
-        measured = tiled(pattern == c, clipped.shape)
+        measured = sensor.tiled(pattern == c, clipped.shape)
         affected = np.where(measured, clipped, _around(clipped & measured))
         rgb[..., c][affected] = np.maximum(rgb[..., c][affected], 1)
 

@@ -36,16 +36,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats
-from blurmatte.matting.smooth_kernel import (
-    backward,
-    conjugate_gradients,
-    doubled,
-    forward,
-    outer,
-    precision,
-    spread,
-    weigh,
-)
+from blurmatte.matting import smooth_kernel as kernel
 from blurmatte.statistics import block_sums
 
 BORDER = 2  # cells around all maps
@@ -102,7 +93,7 @@ class CellEvidence:
 def upsampled(values: Floats, shape: tuple[int, ...]) -> Floats:
     """A map (h, w) in cells of half the width, interpolated linearly to a shape."""
     out = np.zeros(shape, values.dtype)
-    doubled(values, BORDER, out)
+    kernel.doubled(values, BORDER, out)
     return out
 
 
@@ -250,7 +241,7 @@ def finer_field(field: Field, shape: tuple[int, ...], order: int) -> Field:
     """The start for the level of half the width."""
     squares = np.zeros((len(field.squares), *shape))
     for part, of_level in zip(squares, field.squares / 4**order, strict=True):
-        doubled(of_level, BORDER, part)
+        kernel.doubled(of_level, BORDER, part)
     maps = field.x, field.variance, field.roughness
     x, variance, roughness = (upsampled(values, shape) for values in maps)
     roughness = np.maximum(roughness, np.float32(1e-6))  # 0 in the border, where it is a divisor
@@ -284,9 +275,9 @@ def _roughness_factor(
 ) -> Floats:
     """Factor (h, w) of the square of the local scale; `parameters` is that of `local_mean`."""
     t = np.zeros((3, *x.shape), x.dtype)
-    forward(x, order, t)
+    kernel.forward(x, order, t)
     weighed = t.copy()
-    weigh(root, order, weighed)
+    kernel.weigh(root, order, weighed)
     squares = np.sum(t * weighed, axis=0, dtype=float)
     expected = np.asarray(parameters * mask, float)
     total = expected.sum()
@@ -305,7 +296,7 @@ def _precision(prior: Prior, field: Field, cells: int) -> Floats:
     nu = _PRIOR_DOF
     root = np.empty(field.squares.shape, field.x.dtype)
     least = nu * prior.scale**2 * field.roughness
-    precision(field.squares, prior.order, least, cells * (nu + 1), root)
+    kernel.precision(field.squares, prior.order, least, cells * (nu + 1), root)
     return root
 
 
@@ -330,7 +321,7 @@ def _solve_all(
     def solve(job: tuple[Floats, Floats, Floats]) -> int:
         """Solve one system in place; the number of steps."""
         A, b, x = job
-        return int(conjugate_gradients(A, root, order, mask, b, x, max_steps, tolerance))
+        return int(kernel.conjugate_gradients(A, root, order, mask, b, x, max_steps, tolerance))
 
     with ThreadPoolExecutor(cpu_count()) as threads:
         return list(threads.map(solve, jobs))[0]  # noqa: RUF015  all must have ended
@@ -340,8 +331,8 @@ def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats)
     """A right-hand side whose solution has the covariance H⁻¹."""
     b: Floats = np.sqrt(A) * normal[0] * mask
     t = np.zeros((3, *mask.shape), b.dtype)
-    spread(root, order, normal[1:], t)
-    backward(t, order, mask, b)
+    kernel.spread(root, order, normal[1:], t)
+    kernel.backward(t, order, mask, b)
     return b
 
 
@@ -349,8 +340,8 @@ def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
     """E[Dx Dxᵀ] of the mean and samples around it."""
     t, total = np.zeros((3, *x.shape), x.dtype), np.zeros((3 * order, *x.shape))
     for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
-        forward(values, order, t)
-        outer(t, order, weight, total)
+        kernel.forward(values, order, t)
+        kernel.outer(t, order, weight, total)
     width = _PRECISION_WINDOW
     return np.asarray(scipy.ndimage.uniform_filter(total, (0, width, width)), float)
 

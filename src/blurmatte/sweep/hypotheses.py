@@ -17,15 +17,9 @@ from typing import ClassVar
 from blurmatte.color.shadows import darkness
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
+from blurmatte.sweep.fit import outline
 from blurmatte.sweep.fit.free import fit_free
 from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart, with_varied_colors
-from blurmatte.sweep.fit.outline import (
-    HIGHEST_ORDER,
-    exchanged,
-    fit_growing,
-    fit_outline,
-    gain_of_resolution,
-)
 from blurmatte.sweep.fit.pattern import fit_patterns, has_pattern
 from blurmatte.sweep.fit.ranking import Candidate, noise_inflation, residual_excess
 from blurmatte.sweep.fit.shadow import fit_with_shadow, may_be_shaded
@@ -134,7 +128,7 @@ class GrowingDisc(Hypothesis):
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """From the best disc of one paint, and from that of varied colors."""
         for discs in filter(None, (fits.one_paint, fits.varied)):
-            grown = fit_growing(discs[0], fits.search.bounds)
+            grown = outline.fit_growing(discs[0], fits.search.bounds)
             if grown is not discs[0]:
                 yield Candidate(grown)
 
@@ -152,11 +146,11 @@ class Outline(Hypothesis):
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """Of one paint: the best, and the same that exchanged its length and that of its path."""
-        best = fit_outline(fits.disc)
-        other = None if best is fits.disc else exchanged(best, fits.disc)
+        best = outline.fit_outline(fits.disc)
+        other = None if best is fits.disc else outline.exchanged(best, fits.disc)
         if other is None:
             return [Candidate(best)]
-        gains = [gain_of_resolution(one, fits.search.bounds) for one in (best, other)]
+        gains = [outline.gain_of_resolution(one, fits.search.bounds) for one in (best, other)]
         return [
             Candidate(one, unresolved=gain - min(gains))
             for one, gain in zip((best, other), gains, strict=True)
@@ -179,7 +173,7 @@ class FreeSilhouette(Hypothesis):
             or disc.observation.light_alone
         ):
             return False
-        return fits.explained is None or fits.explained[1].silhouette.order == HIGHEST_ORDER
+        return fits.explained is None or fits.explained[1].silhouette.order == outline.HIGHEST_ORDER
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """Of one paint, from the paths of the other shapes."""
@@ -211,7 +205,7 @@ class DiscWithShadow(Hypothesis):
         state, cast = shaded
         if fits.search.observation.is_known_disc:
             return [Candidate(state, cast)]
-        alike = dict.fromkeys((state, fit_growing(state, fits.search.bounds)))
+        alike = dict.fromkeys((state, outline.fit_growing(state, fits.search.bounds)))
         return [Candidate(each, cast) for each in alike]
 
     def _shaded(self, fits: Fits) -> tuple[State, CastShadow] | None:
