@@ -149,8 +149,22 @@ def alpha_rows(
 
     `trial` is called with the cells of a setting and a seed.
     """
+    return rows_over_seeds(trial, settings, _cells, quick, seeds)
+
+
+def rows_over_seeds(
+    trial: Callable[..., T],
+    settings: Sequence[tuple[Any, ...]],
+    cells: Callable[[list[T]], Sequence[Cell]],
+    quick: bool,
+    seeds: int = SEEDS,
+    total: tuple[Cell, ...] = (),
+) -> list[tuple[Cell, ...]]:
+    """One row for each setting, and one over all that begins with `total` if that is given."""
     groups = over_seeds(trial, settings, quick, seeds)
-    return [(*setting, *_cells(group)) for setting, group in zip(settings, groups, strict=True)]
+    if total:
+        settings, groups = [*settings, total], [*groups, [one for group in groups for one in group]]
+    return [(*setting, *cells(group)) for setting, group in zip(settings, groups, strict=True)]
 
 
 def over_seeds(

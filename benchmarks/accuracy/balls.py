@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from benchmarks.accuracy.verdict import CURVED, LENGTHS, RADII, SIZE, bent, draw
 from benchmarks.table import Cell, Table, publish_all
-from benchmarks.trials import CODE, over_seeds, photograph
+from benchmarks.trials import CODE, photograph, rows_over_seeds
 from scipy.ndimage import distance_transform_edt
 
 from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
@@ -154,11 +154,7 @@ def row(outcomes: list[Outcome]) -> list[Cell]:
 def tables(quick: bool = False) -> list[Table]:
     settings = [(company, noise) for company in COMPANY for noise in NOISES]
     settings = settings[-1:] if quick else settings
-    groups = over_seeds(trial, settings, quick, SEEDS)
-    rows: list[tuple[Cell, ...]] = [
-        (*setting, *row(group)) for setting, group in zip(settings, groups, strict=True)
-    ]
-    rows.append(("both", "both", *row([o for group in groups for o in group])))
+    rows = rows_over_seeds(trial, settings, row, quick, SEEDS, total=("both", "both"))
     columns = (
         *("company", "noise", "scenes", "refused", "converged"),
         *("alpha RMSE", "75 %", "95 %", "worst", "color", "sum"),

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from benchmarks.accuracy.color import Outcome, outcome, refused, spread
 from benchmarks.table import Cell, Table, publish_all
-from benchmarks.trials import ORANGE, RADIUS, SCENE, SIZE, ball_path, median, over_seeds
+from benchmarks.trials import ORANGE, RADIUS, SCENE, SIZE, ball_path, median, rows_over_seeds
 
 from blurmatte.rendering import Ball, Rendering, Scene, render
 from blurmatte.rendering.plates import striped_plate
@@ -52,7 +52,6 @@ def cells(group: list[Outcome]) -> list[Cell]:
 def tables(quick: bool = False) -> list[Table]:
     settings = [(noise, hue_spread) for noise in NOISES for hue_spread in SPREADS]
     settings = settings[7:8] if quick else settings
-    groups = over_seeds(trial, settings, quick, SEEDS)
     return [
         Table(
             "color_hue_spread",
@@ -62,7 +61,7 @@ def tables(quick: bool = False) -> list[Table]:
             f"Medians of {SEEDS} seeds, or of those that are not refused; units, degrees and spread as "
             "in the table of colors.",
             ("noise", "hue spread", "refused", "units", "degrees", "published degrees", "spread"),
-            [(*setting, *cells(group)) for setting, group in zip(settings, groups, strict=True)],
+            rows_over_seeds(trial, settings, cells, quick, SEEDS),
             x="hue spread",
             x_unit="degrees",
             lines="noise",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from benchmarks.table import Cell, Table, publish_all
-from benchmarks.trials import over_seeds
+from benchmarks.trials import rows_over_seeds
 
 from blurmatte.color.model import ColorModel
 from blurmatte.deblurring import Sharp, deblur
@@ -154,14 +154,14 @@ def z_of(sharp: Sharp, truth: Rendering) -> float:
     return float(np.sqrt(np.mean(error**2)))
 
 
+def row(group: list[Outcome]) -> list[Cell]:
+    return np.median([list(vars(one).values()) for one in group], axis=0).tolist()
+
+
 def tables(quick: bool = False) -> list[Table]:
     settings = [(camera, length) for camera in CAMERAS for length in LENGTHS]
     settings = settings[:1] if quick else settings
-    groups = over_seeds(trial, settings, quick, 2 * SEEDS)
-    rows: list[tuple[Cell, ...]] = []
-    for (camera, length), group in zip(settings, groups, strict=True):
-        values = np.median([list(vars(one).values()) for one in group], axis=0)
-        rows.append((camera, length, *map(float, values)))
+    rows = rows_over_seeds(trial, settings, row, quick, 2 * SEEDS)
     question = "How close to the truth are deblurred sub-frames, their errors and their paths?"
     return [Table("sharp", question, NOTES, COLUMNS, rows)]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from benchmarks.rendered import render_flight
 from benchmarks.table import Cell, Table, publish_all
-from benchmarks.trials import CODE, median, over_seeds
+from benchmarks.trials import CODE, median, rows_over_seeds
 
 from blurmatte.calibration import with_noise
 from blurmatte.errors import BlurmatteError
@@ -119,10 +119,7 @@ def row(group: list[Errors]) -> list[Cell]:
 def tables(quick: bool = False) -> list[Table]:
     settings = [(degrees, noise) for degrees in AHEAD for noise in NOISES]
     settings = settings[:1] if quick else settings
-    groups = over_seeds(trial, settings, quick, SEEDS)
-    rows: list[tuple[Cell, ...]] = [
-        (*setting, *row(group)) for setting, group in zip(settings, groups, strict=True)
-    ]
+    rows = rows_over_seeds(trial, settings, row, quick, SEEDS)
     errors = [
         f"{what} {part}" for what in ("depth", "speed", "degrees") for part in ("median", "worst")
     ]

@@ -14,7 +14,7 @@ from itertools import pairwise
 
 import numpy as np
 from benchmarks.table import Cell, Table, publish_all
-from benchmarks.trials import CODE, PLATES, over_seeds, photograph
+from benchmarks.trials import CODE, PLATES, photograph, rows_over_seeds
 
 from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
 from blurmatte.layer import Layer
@@ -311,11 +311,7 @@ def row(outcomes: list[Outcome]) -> list[Cell]:
 def tables(quick: bool = False) -> list[Table]:
     settings = [(kind, file) for kind in KINDS for file in FILES]
     settings = settings[:1] if quick else settings
-    groups = over_seeds(trial, settings, quick, SEEDS)
-    rows: list[tuple[Cell, ...]] = [
-        (*setting, *row(group)) for setting, group in zip(settings, groups, strict=True)
-    ]
-    rows.append(("all", "both", *row([o for group in groups for o in group])))
+    rows = rows_over_seeds(trial, settings, row, quick, SEEDS, total=("all", "both"))
     columns = (
         *("object", "file", "scenes", "refused", "by shape", "median", "75 %", "90 %", "worst"),
         *("wrong", "confident and wrong"),

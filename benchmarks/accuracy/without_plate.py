@@ -25,8 +25,8 @@ from benchmarks.trials import (
     SIZE,
     ball_path,
     median,
-    over_seeds,
     photograph,
+    rows_over_seeds,
 )
 
 from blurmatte.background import guess_plate
@@ -163,10 +163,7 @@ def row(group: list[Errors]) -> list[Cell]:
 def tables(quick: bool = False) -> list[Table]:
     settings = [(ground, method) for ground in GROUNDS for method in METHODS]
     settings = settings[-len(METHODS) :] if quick else settings
-    groups = over_seeds(trial, settings, quick, SEEDS)
-    rows: list[tuple[Cell, ...]] = [
-        (*setting, *row(group)) for setting, group in zip(settings, groups, strict=True)
-    ]
+    rows = rows_over_seeds(trial, settings, row, quick, SEEDS)
     columns = ("ground", "plate", "refused", "RMSE", "RMSE worst", "error/claim", "worst")
     question = "How accurate is alpha without a plate?"
     return [Table("without_plate", question, NOTES, columns, rows)]
