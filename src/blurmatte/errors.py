@@ -21,7 +21,9 @@ Bad *pixels* never raise; they are marked in `Solution.quality`.
 
 import sys
 import warnings
+from collections.abc import Iterable
 from importlib import import_module
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -203,6 +205,12 @@ def warn(message: str, category: type[Warning] = BlurmatteWarning) -> None:
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_PACKAGE):
         frame, level = frame.f_back, level + 1
     warnings.warn(message, category, stacklevel=level)
+
+
+def listed(things: Iterable[object], most: int) -> str:
+    """The first of several things with commas between them, and … if there are more."""
+    some = [str(one) for one in islice(things, most + 1)]
+    return ", ".join(some[:most]) + (" …" if len(some) > most else "")
 
 
 def optional_library(name: str, needed: str, error: type[BlurmatteError] = BlurmatteError) -> Any:

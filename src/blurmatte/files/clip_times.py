@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import Array, Ints64
-from blurmatte.errors import FileError, warn
+from blurmatte.errors import FileError, listed, warn
 
 _MAX_UNEVEN = 0.01  # of intervals between frames, relative: stamps are rounded
 _MIN_MISSING_FRAMES = 2  # durations are rounded
 _MIN_MISSING_FRACTION = 0.02
-_MAX_LISTED = 5  # numbers of frames in a message
 _NO_STAMP = np.iinfo(np.int64).min  # of a packet or frame without one; FFmpeg's AV_NOPTS_VALUE
 _MIN_SPEED_RATIO = 1.2  # of the rates of capture and playback: below, frames were dropped
 _MIN_TICKS = 4  # of a frame: coarser ticks fit any rate
@@ -258,8 +257,7 @@ def _warn_of_order(path: Path, stamps: Ints64) -> None:
     )
     for where, what, then in kinds:
         if (at := np.flatnonzero(where) + 1).size:
-            listed = ", ".join(map(str, at[:_MAX_LISTED])) + (" …" if len(at) > _MAX_LISTED else "")
-            warn(f"{path}: its time stamps {what} at frame {listed}: {then}")
+            warn(f"{path}: its time stamps {what} at frame {listed(at, 5)}: {then}")
 
 
 def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], rate: float) -> int:

@@ -7,14 +7,14 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, count, islice
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
 
 from blurmatte.checks import Codes8, as_array, check_kind, check_not_negative, check_positive
-from blurmatte.errors import FileError, TransferWarning, warn
+from blurmatte.errors import FileError, TransferWarning, listed, warn
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
 from blurmatte.files.clip_reading import (
@@ -135,11 +135,10 @@ class Frames(Sequence[Frame]):
             If nothing shows where chroma lies, or the numbers of pictures show that some are missing.
         """
         known = self.picture_numbers or (0,)
-        if missing := list(islice(missing_numbers(known), 6)):
-            listed = ", ".join(map(str, missing[:5])) + (" …" if len(missing) > 5 else "")
+        if missing := listed(missing_numbers(known), 5):
             warn(
-                f"add the missing pictures if you have them: {listed} of {known[0]} to {known[-1]} are "
-                "missing, and times follow the numbers in the names"
+                f"add the missing pictures if you have them: {missing} of {known[0]} to {known[-1]} "
+                "are missing, and times follow the numbers in the names"
             )
         if self.clip is None or not self.numbers:
             return self

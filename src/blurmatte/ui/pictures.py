@@ -13,7 +13,7 @@ from PIL import Image
 
 import blurmatte as bm
 from blurmatte.background.guess import guess_behind
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Bools, Floats, strips
 from blurmatte.files.documents import plain
 from blurmatte.formats import EXR, is_clip, named
 from blurmatte.radiometry.transfer import hex_of_light
@@ -24,7 +24,6 @@ T = TypeVar("T")
 TILE = 512  # pixels, a side of a tile
 _CACHE_BYTES = 1 << 30  # of pictures in memory
 _FRAMES_PASSED = 8  # of a clip that is played, before seeking is quicker
-_STRIP = 64  # rows that are halved at a time: fits the cache of a processor
 _MAX_LEVEL = 16
 _MAX_RADIUS = 512  # pixels, of an eyedropper
 _MAX_STOPS = 64.0
@@ -202,9 +201,8 @@ class ShownPictures:
             if level > 1:
                 return _halved(self._level(part, level - 1), part.name)
             light, alpha = self._whole(part)
-            rows = range(0, len(alpha), _STRIP)
-            strips = ((light[top : top + _STRIP], alpha[top : top + _STRIP]) for top in rows)
-            return np.concatenate([_halved(_joined(*strip), part.name) for strip in strips])
+            parts = (_joined(light[rows], alpha[rows]) for rows in strips(len(alpha)))
+            return np.concatenate([_halved(one, part.name) for one in parts])
 
         if level == 0:  # as large as the picture, which is kept
             return _joined(*self._whole(part))

@@ -20,6 +20,7 @@ import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array
+from blurmatte.errors import listed
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, grouped, in_intervals
 from blurmatte.motion.clip.smoothing import MIN_STD_PX
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
@@ -28,9 +29,9 @@ _REPEATS = "It repeats the frame before."
 _NEIGHBORS = 4  # rows before and after a step, from which it is predicted
 _MIN_STEP_STD = 0.25  # of the predicted step, relative: its speed changes
 _MIN_STEPS = 3.0  # the predicted step over its error: less is no steady motion
-_MAX_FACTOR = 6  # of a step to its prediction: of larger ones the track is lost
 _MIN_CAPTURES = 3  # that determine a line and show that it is one
 _MAX_LISTED = 3  # frames in a sentence
+# Of a step to its prediction: of larger ones the track is lost
 _FACTORS = {2: "twice", 3: "three times", 4: "four times", 5: "five times", 6: "six times"}
 
 
@@ -92,8 +93,8 @@ class Cadence:
             frames, verb = ("Frame", "repeats") if len(self.repeated) == 1 else ("Frames", "repeat")
             spaced = "; the others are taken as equally spaced in time" * self.is_converted
             said.append(
-                f"{frames} {_listed(self.repeated)} {verb} the one before ({len(self.repeated)} in "
-                f"all): not used for the motion{spaced}."
+                f"{frames} {listed(self.repeated, _MAX_LISTED)} {verb} the one before "
+                f"({len(self.repeated)} in all): not used for the motion{spaced}."
             )
         for before, after, factor in self.jumps[:_MAX_LISTED]:
             said.append(
@@ -190,7 +191,7 @@ def _factor(moved: Array, S: Array, step: Array, std: float) -> int:
     if not size > _MIN_STEPS * std:
         return 1
     factor = round(float(moved @ step) / size**2)
-    if not (0 <= factor <= _MAX_FACTOR) or factor == 1:
+    if factor not in (0, *_FACTORS):
         return 1
     one = _log_density(moved - step, S + std**2 * np.eye(2))
     several = _log_density(moved - factor * step, S + factor**2 * std**2 * np.eye(2))
@@ -202,8 +203,3 @@ def _log_density(x: Array, V: Array) -> float:
     return -float(x @ np.linalg.solve(V, x)) / 2 - float(
         np.log(2 * np.pi * np.linalg.det(V) ** 0.5)
     )
-
-
-def _listed(frames: Sequence[int]) -> str:
-    """The first frames, and … if there are more."""
-    return ", ".join(map(str, frames[:_MAX_LISTED])) + (" …" if len(frames) > _MAX_LISTED else "")
