@@ -7,6 +7,7 @@ import pytest
 from tests.scenes import noisy, rendered
 
 import blurmatte as bm
+from blurmatte.metrics import subframe_psnr
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Rendering
 from blurmatte.rendering.plates import textured_plate
@@ -45,6 +46,16 @@ def case(start=(18.2, 16.4), end=(44.7, 24.1), radius=8.0, seed=0, std=0.05, tex
         *(std**2 * np.eye(5), (64, 42)),
     )
     return Case(truth, *noisy(truth, NOISE, seed), sweep)
+
+
+def psnr(layers, truth: Rendering) -> float:
+    """Of sub-frames before the plate, as encoded."""
+    shown, true = (
+        np.stack([one.over(truth.plate).rgb for one in subframes])
+        for subframes in (layers, truth.subframes(len(layers)))
+    )
+    coded = [bm.SRGB.encode(np.clip(x, 0, 1)) for x in (shown, true)]
+    return subframe_psnr(*coded, bm.SRGB.encode(truth.plate.rgb))
 
 
 @pytest.fixture(scope="module")

@@ -3,19 +3,12 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.banded import dense
 
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import posterior, summed
 from blurmatte.deblurring.priors import fit_gaussian, fit_strength, gradient_prior
 from blurmatte.deblurring.view import View
-
-
-def dense(band):
-    n, width = band.shape
-    full = np.zeros((n, n))
-    for k in range(width):
-        full += np.diag(band[: n - k, k], -k)
-    return full + np.tril(full, -1).T
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +24,7 @@ def test_bands_are_those_of_the_dense_product(problem):
     A, light, weight, _, equations = problem
     for c in range(3):
         N = (A.T @ A.multiply(weight[:, c, None])).toarray()
-        assert_allclose(dense(equations.band[c]), N, rtol=1e-9, atol=1e-9 * N.max())
+        assert_allclose(dense(equations.band[c].T), N, rtol=1e-9, atol=1e-9 * N.max())
         assert_allclose(equations.right[c], A.T @ (weight[:, c] * light[:, c]))
 
 
@@ -39,7 +32,7 @@ def test_prior_is_the_sum_of_squared_differences(problem):
     lattice = problem[3]
     rng = np.random.default_rng(0)
     o = rng.normal(size=lattice.size)
-    Q = dense(gradient_prior(lattice, problem[4].width))
+    Q = dense(gradient_prior(lattice, problem[4].width).T)
     i, j = lattice.stencils[0].nodes.T
     assert_allclose(o @ Q @ o, np.sum((o[i] - o[j]) ** 2))
 
@@ -49,7 +42,7 @@ def test_mean_and_variance_are_those_of_the_dense_inverse(problem):
     prior = 5.0 * gradient_prior(lattice, equations.width)
     normal = posterior(equations, prior)
     for c in range(3):
-        covariance = np.linalg.inv(dense(equations.band[c] + prior))
+        covariance = np.linalg.inv(dense((equations.band[c] + prior).T))
         assert_allclose(normal.mean[:, c], covariance @ equations.right[c], rtol=1e-7)
         assert_allclose(normal.variances()[:, c], np.diag(covariance), rtol=1e-7)
         i, j = lattice.stencils[0].nodes.T
@@ -61,7 +54,7 @@ def test_evidence_is_that_of_the_data_as_a_normal_vector(problem):
     A, light, weight, lattice, equations = problem
     Q = gradient_prior(lattice, equations.width)
     seen = (weight > 0).all(axis=1)
-    rows, full = A[seen].toarray(), dense(Q)
+    rows, full = A[seen].toarray(), dense(Q.T)
 
     def log_density(mu):
         total, misfit = 0.0, 0.0
@@ -84,7 +77,7 @@ def test_noise_scale_is_one_where_the_model_is_right(problem):
     A, _, weight, lattice, _ = problem
     rng = np.random.default_rng(3)
     n = lattice.size
-    Q = dense(gradient_prior(lattice, n)[:, :n])
+    Q = dense(gradient_prior(lattice, n)[:, :n].T)
     color = np.linalg.cholesky(np.linalg.inv(200 * Q + 1e-3 * np.eye(n))) @ rng.normal(size=(n, 3))
     noise = np.where(
         weight > 0, rng.normal(size=weight.shape) / np.sqrt(np.maximum(weight, 1e-9)), 0

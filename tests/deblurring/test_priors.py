@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.banded import dense
 
 from blurmatte.deblurring.lattice import Lattice, Sphere
 from blurmatte.deblurring.normal_equations import NormalEquations
 from blurmatte.deblurring.priors import Differences, fit_gaussian, fit_smooth, fit_sparse, traces
 from blurmatte.deblurring.view import View
-
-from .test_normal_equations import dense
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +51,7 @@ def test_bands_and_variances_are_those_of_dense_matrices(lattice, kind):
     rng = np.random.default_rng(0)
     weights = rng.uniform(1, 2, one.matrix.shape[0])
     D = one.matrix.toarray()
-    assert_allclose(dense(one.band(weights, one.width)), D.T @ (weights[:, None] * D), atol=1e-12)
+    assert_allclose(dense(one.band(weights, one.width).T), D.T @ (weights[:, None] * D), atol=1e-12)
     root = rng.normal(size=(one.size, one.size))
     covariance = root @ root.T
     band = np.array([[covariance[i, min(i + k, one.size - 1)] for k in range(one.width)]
@@ -61,7 +60,8 @@ def test_bands_and_variances_are_those_of_dense_matrices(lattice, kind):
 
 
 def test_traces_are_those_of_the_pseudoinverse(differences):
-    bands = [dense(differences.band(differences.weights(k), differences.width)) for k in np.eye(2)]
+    weights = (differences.weights(k) for k in np.eye(2))
+    bands = [dense(differences.band(one, differences.width).T) for one in weights]
     inverse = np.linalg.pinv(3 * bands[0] + 5 * bands[1], hermitian=True)
     expected = [np.trace(inverse @ Q) for Q in bands]
     assert_allclose(traces(differences, np.array([3.0, 5.0])), expected, rtol=1e-6)

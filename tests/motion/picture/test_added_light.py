@@ -28,6 +28,11 @@ def lamp(middle, angle, brightness=6.0):
     return light[..., None] * COLOR
 
 
+def any_way(rng):
+    """The middle of a lamp, and the direction in which it moves."""
+    return np.array([60, 35]) + rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3)
+
+
 def noisy(light, rng):
     noise = rng.normal(0, NOISE, light.shape)
     return LinearImage((light + noise).astype(np.float32), NoiseModel(read_std=NOISE))
@@ -39,7 +44,7 @@ def test_place_length_and_direction_of_a_lamp_are_within_their_errors():
     sky, streak, z = np.full((*SIZE[::-1], 3), 0.003), np.ones(SIZE[::-1], bool), []
     streak[:15], streak[-15:] = False, False
     for _ in range(60):
-        middle, angle = np.array([60, 35]) + rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3)
+        middle, angle = any_way(rng)
         image, plate = noisy(sky + lamp(middle, angle, 20.0), rng), noisy(sky, rng)
         motion = motion_of_added_light(image, plate, streak, COLOR)
         std = np.sqrt(np.diag(motion.covariance))
@@ -55,7 +60,7 @@ def test_errors_of_clipped_lamps_cover_the_light_that_is_cut_off():
     sky, streak, off, claimed = np.full((*SIZE[::-1], 3), 0.003), np.ones(SIZE[::-1], bool), [], []
     streak[:15], streak[-15:] = False, False
     for _ in range(20):
-        middle, angle = np.array([60, 35]) + rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3)
+        middle, angle = any_way(rng)
         image, plate = noisy(sky + lamp(middle, angle, 300.0), rng), noisy(sky, rng)
         clipped = (image.rgb >= 1).any(axis=-1)
         assert clipped.sum() > 50
@@ -73,7 +78,7 @@ def test_errors_of_a_lamp_before_an_uneven_plate_cover_it():
     streak, z = np.ones(SIZE[::-1], bool), []
     streak[:15], streak[-15:] = False, False
     for _ in range(20):
-        middle, angle = np.array([60, 35]) + rng.uniform(-3, 3, 2), rng.uniform(-0.3, 0.3)
+        middle, angle = any_way(rng)
         cells = rng.uniform(0, 0.2, (9, 15, 1)).repeat(8, 0).repeat(8, 1)[: SIZE[1], : SIZE[0]]
         sky = cells * [0.6, 0.7, 0.38]
         alpha = lamp(middle, angle, 80.0) @ COLOR

@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 from numpy.testing import assert_allclose
+from tests.sweep.scenes import within
 
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Scene, render
@@ -39,12 +40,6 @@ def observed(shadow=SHADOW):
 
 def missing(observation):
     return CAST.missing(LINE, PATH.xy.ravel(), RADIUS, observation.pixels)
-
-
-def within(observation, whole):
-    """The part of a picture in an observation."""
-    (x0, y0), (h, w) = map(int, observation.origin), observation.weight.shape
-    return whole[y0 : y0 + h, x0 : x0 + w]
 
 
 def test_missing_light_is_that_of_a_rendered_shadow():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from tests.banded import dense
 
 from blurmatte.color.model import ColorModel
 from blurmatte.sweep.model.color_field import ColorPrior, Grid, fit_field, stiffness_of
@@ -48,15 +49,6 @@ def hats(alpha, grid):
             v, u = (np.maximum(1 - abs(k / PITCH - n), 0) for k, n in ((y, j), (x, i)))
             values[:, node] = np.where(alpha > 0, v * u, 0).ravel()
     return values
-
-
-def dense(band):
-    """The symmetric matrix with this lower band."""
-    m = band.shape[1]
-    full = np.zeros((m, m))
-    for k, diagonal in enumerate(band):
-        full += np.diag(diagonal[: m - k], -k)
-    return full + np.tril(full, -1).T
 
 
 def test_hats_of_all_touched_nodes_sum_to_one():

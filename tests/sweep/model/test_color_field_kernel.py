@@ -5,18 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.stats import multivariate_normal
+from tests.banded import dense
 
 from blurmatte.sweep.model import color_field_kernel as kernel
 
 NODES, PIXELS, WIDTH = 12, 40, 4
-
-
-def dense(band):
-    """The symmetric matrix with this lower band."""
-    return sum(
-        np.diag(d[: band.shape[1] - k], -k) + (k > 0) * np.diag(d[: band.shape[1] - k], k)
-        for k, d in enumerate(band)
-    )
 
 
 def banded(matrix):
