@@ -24,15 +24,7 @@ from blurmatte.matting import solve
 from blurmatte.matting.solution import Solution
 from blurmatte.metrics import alpha_rmse, alpha_sum_bias, calibration, false_alpha
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    Shot,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, Shot, colorful_plate, render
 from blurmatte.rendering.plates import plain_plate, textured_plate, two_hue_plate
 from blurmatte.rendering.shot import Drift
 from blurmatte.trajectory import Trajectory

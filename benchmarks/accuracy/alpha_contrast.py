@@ -22,13 +22,7 @@ from benchmarks.trials import (
     photograph,
 )
 
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, render
 from blurmatte.rendering.plates import plain_plate
 
 ANGLES = (5, 7, 10, 15, 20, 30, 45, 60)  # degrees

@@ -21,13 +21,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.metrics import alpha_rmse, alpha_sum_bias, trajectory_iou
 from blurmatte.motion.picture.measure import measure_motion
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, render
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.scene import Body
 from blurmatte.streaks import Streak, require_streaks

@@ -19,14 +19,7 @@ from blurmatte.color.streak import _streak_pixels, fit_color_from_hues
 from blurmatte.errors import ColorModelError
 from blurmatte.metrics import calibration, color_distance
 from blurmatte.radiometry import SRGB
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, colorful_plate, render
 from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.streaks import find_streaks
 from blurmatte.trajectory import Trajectory

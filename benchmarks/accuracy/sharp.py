@@ -21,14 +21,7 @@ from blurmatte.deblurring import Sharp, deblur
 from blurmatte.layer import Layer, box_around
 from blurmatte.metrics import subframe_psnr, subframe_ssim, trajectory_iou
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    Shot,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, Shot, render
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.sweep import fit_sweep
 from blurmatte.trajectory import Trajectory

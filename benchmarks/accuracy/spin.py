@@ -24,14 +24,7 @@ from benchmarks.trials import over_seeds
 from blurmatte.color.model import ColorModel
 from blurmatte.deblurring import deblur, fit_spin
 from blurmatte.errors import MotionError, SpinError
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    Shot,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, Shot, render
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.plates import textured_plate
 from blurmatte.rendering.pose import Change

@@ -15,14 +15,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.matting import Pixelwise, Smooth, solve
 from blurmatte.metrics import alpha_rmse, calibration, false_alpha
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    Shot,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, Shot, render
 from blurmatte.rendering.flat_bodies import Sheet, star_sprite
 from blurmatte.rendering.pose import Change
 from blurmatte.rendering.scene import Body

@@ -21,13 +21,7 @@ from blurmatte.layer import Layer
 from blurmatte.matting import solve
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Rendering,
-    Scene,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Rendering, Scene, render
 from blurmatte.rendering.flat_bodies import Sheet, Sprite
 from blurmatte.rendering.lighting import Lamp
 from blurmatte.rendering.pose import Change

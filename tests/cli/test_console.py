@@ -5,14 +5,7 @@ import logging
 
 import pytest
 
-from blurmatte.cli.console import (
-    STAGES,
-    Verbosity,
-    listening,
-    printing,
-    waiting,
-    with_progress,
-)
+from blurmatte.cli.console import STAGES, Verbosity, listening, printing, waiting, with_progress
 from blurmatte.motion.clip.workers import logged
 
 

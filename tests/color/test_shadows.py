@@ -12,13 +12,7 @@ from blurmatte.errors import ColorModelError
 from blurmatte.explain.solution import doubts
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.maps import Grade
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, render
 from blurmatte.rendering.flat_bodies import star_sprite
 from blurmatte.rendering.plates import plain_plate, textured_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks

@@ -24,13 +24,7 @@ from blurmatte.color.streak import (
 )
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import SRGB, Compression, LinearImage, Meta, NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, render
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.rendering.pose import Change

@@ -3,12 +3,7 @@ from pathlib import Path
 import pytest
 
 from blurmatte.errors import FileError
-from blurmatte.files.sequences import (
-    missing_numbers,
-    numbering,
-    picture_numbers,
-    source_paths,
-)
+from blurmatte.files.sequences import missing_numbers, numbering, picture_numbers, source_paths
 
 
 @pytest.mark.parametrize(

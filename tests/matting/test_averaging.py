@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.matting.averaging import (
-    AlphaEstimate,
-    as_fraction,
-    averaged,
-    with_bounded_errors,
-)
+from blurmatte.matting.averaging import AlphaEstimate, as_fraction, averaged, with_bounded_errors
 
 
 def estimate(seed, sum_std=1.0, scale_std=0.0):

@@ -13,13 +13,7 @@ from blurmatte.background import Matching
 from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.matting import (
-    PixelMaps,
-    Pixelwise,
-    Quality,
-    Smooth,
-    solve,
-)
+from blurmatte.matting import PixelMaps, Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.fitted_hypothesis import write_swept
 from blurmatte.matting.hypotheses import Averaged, Swept

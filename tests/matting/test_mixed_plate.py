@@ -7,11 +7,7 @@ import pytest
 
 import blurmatte as bm
 from blurmatte.matting.evidence import _at_edges, evidence_of, pixels_of
-from blurmatte.matting.special_pixels import (
-    MixedPlate,
-    mixed_plate,
-    solve_mixed_plate,
-)
+from blurmatte.matting.special_pixels import MixedPlate, mixed_plate, solve_mixed_plate
 
 SHAPE = (64, 80)
 COLORS = np.array([[0.6, 0.2, 0.1], [0.1, 0.4, 0.5], [0.5, 0.5, 0.1]])

@@ -7,11 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import PlateWarning
-from blurmatte.matting.plate_check import (
-    _brightness_around,
-    _looks_swapped,
-    warn_if_plate_differs,
-)
+from blurmatte.matting.plate_check import _brightness_around, _looks_swapped, warn_if_plate_differs
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Camera
 from blurmatte.rendering.plates import two_hue_plate

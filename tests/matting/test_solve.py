@@ -14,36 +14,16 @@ from blurmatte.background import Matching
 from blurmatte.background.plate import make_plate
 from blurmatte.calibration import fit_noise, with_noise
 from blurmatte.color.model import ColorModel
-from blurmatte.errors import (
-    BlurmatteError,
-    ColorModelError,
-    MotionError,
-    PlateError,
-    PlateWarning,
-)
+from blurmatte.errors import BlurmatteError, ColorModelError, MotionError, PlateError, PlateWarning
 from blurmatte.files.frames import read_frames
 from blurmatte.files.reading import read
-from blurmatte.matting import (
-    PixelMaps,
-    Pixelwise,
-    Quality,
-    Shaded,
-    Smooth,
-    solve,
-)
+from blurmatte.matting import PixelMaps, Pixelwise, Quality, Shaded, Smooth, solve
 from blurmatte.matting.calibration import GRADE_LIMITS
 from blurmatte.matting.hypotheses import Swept
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.plate_check import _looks_swapped
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel, check_has_light
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shot,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import plain_plate, two_hue_plate
 from blurmatte.streaks import Streak, find_streaks

@@ -6,12 +6,7 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.metrics import (
-    ColorDistance,
-    color_distance,
-    premultiplied_rmse,
-    recomposite_psnr,
-)
+from blurmatte.metrics import ColorDistance, color_distance, premultiplied_rmse, recomposite_psnr
 from blurmatte.radiometry import SRGB, LinearImage
 
 

@@ -4,12 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.rendering.coverage import (
-    box_coverage,
-    cell_edges,
-    disc_coverage,
-    polygon_coverage,
-)
+from blurmatte.rendering.coverage import box_coverage, cell_edges, disc_coverage, polygon_coverage
 
 GRID = (np.arange(-8.0, 9) + 0.31, np.arange(-9.0, 8) - 0.17)
 UNEVEN = (np.array([-7.0, -3.1, -3, -0.2, 0.4, 2, 6.5]), np.array([-5, -4.9, -1, 0.3, 4]))

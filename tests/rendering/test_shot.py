@@ -5,14 +5,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shot,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.rendering.shot import Drift, photograph_pair
 from blurmatte.trajectory import Trajectory
 

@@ -14,14 +14,7 @@ from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shot,
-    colorful_plate,
-    render,
-)
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.rendering.scene import Nearby, Shadow
 from blurmatte.scenes import (
     ProgramAnswer,

@@ -39,13 +39,7 @@ from blurmatte.files.reading import read
 from blurmatte.matting import solve
 from blurmatte.matting.maps import Grade
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import (
-    Ball,
-    Camera,
-    Scene,
-    Shot,
-    colorful_plate,
-)
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate
 from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import plain_plate
 from blurmatte.rendering.pose import Change

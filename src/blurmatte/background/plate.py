@@ -29,12 +29,7 @@ from blurmatte.background.samples import CutError, Samples, frame_name, take_sam
 from blurmatte.checks import Bools, Floats, strips
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
-from blurmatte.radiometry import (
-    CodingError,
-    LinearImage,
-    Meta,
-    NoiseModel,
-)
+from blurmatte.radiometry import CodingError, LinearImage, Meta, NoiseModel
 from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import UNIFORM_VARIANCE
 

@@ -16,13 +16,7 @@ from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Box, Floats, strips
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import (
-    CodingError,
-    LinearImage,
-    NoiseModel,
-    check_picture,
-    rounding_noise,
-)
+from blurmatte.radiometry import CodingError, LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.radiometry.coded import CodedFrame, CodedSequence, RgbCodes
 from blurmatte.statistics import MAD_TO_STD, MAX_RESIDUAL_STD
 

@@ -11,15 +11,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.background import ParallaxRegion, PlateFit, PlateGuess
-from blurmatte.checks import (
-    Box,
-    Codes8,
-    Floats,
-    check_same_size,
-    enclosing,
-    grown,
-    rows_columns,
-)
+from blurmatte.checks import Box, Codes8, Floats, check_same_size, enclosing, grown, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.explain.explain import explain
 from blurmatte.explain.solution import (

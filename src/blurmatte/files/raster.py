@@ -35,19 +35,7 @@ from blurmatte.files.errors import (
 from blurmatte.files.exif import EXIF_MARK, Tag, fractions, nested, numbers, parse_tags
 from blurmatte.files.icc import H273
 from blurmatte.files.png import PngHeader, check_png, inspect_png
-from blurmatte.formats import (
-    AVIF,
-    BMP,
-    EXR,
-    FITS,
-    HEIC,
-    JPEG,
-    MAX_PIXELS,
-    PNG,
-    RAW,
-    TIFF,
-    Format,
-)
+from blurmatte.formats import AVIF, BMP, EXR, FITS, HEIC, JPEG, MAX_PIXELS, PNG, RAW, TIFF, Format
 from blurmatte.jpeg.structure import JpegError, check_header, metadata_segments
 from blurmatte.radiometry.sensor import Orientation, exif_orientation
 

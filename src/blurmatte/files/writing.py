@@ -17,11 +17,7 @@ from blurmatte.files.atomic import ending_of, moved_together, replacing
 from blurmatte.files.documents import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
 from blurmatte.files.exif import ColorSpace
 from blurmatte.files.exr import exr_parts
-from blurmatte.files.models import (
-    model_to_json,
-    noise_to_mapping,
-    transfer_to_mapping,
-)
+from blurmatte.files.models import model_to_json, noise_to_mapping, transfer_to_mapping
 from blurmatte.files.raster_writing import save_jpeg, save_pixels
 from blurmatte.files.solutions import (
     CHANNELS,

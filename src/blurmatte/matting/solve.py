@@ -9,14 +9,7 @@ from threadpoolctl import threadpool_limits
 from blurmatte.background import Matching, PlateGuess, fit_match
 from blurmatte.background.fit_match import agreement
 from blurmatte.calibration import with_noise
-from blurmatte.checks import (
-    Bools,
-    check_kind,
-    check_map,
-    check_same_size,
-    enclosing,
-    rows_columns,
-)
+from blurmatte.checks import Bools, check_kind, check_map, check_same_size, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import may_be_shadow
 from blurmatte.color.streak import check_not_gray, streak_of_color

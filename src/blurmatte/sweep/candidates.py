@@ -24,13 +24,7 @@ from blurmatte.sweep.assess.opacity import Opacity, may_be_there_in_part
 from blurmatte.sweep.fit.codec_loss import candidate_before_file
 from blurmatte.sweep.fit.multistart import Multistart, fitted_to_hue, with_principal_axes
 from blurmatte.sweep.fit.pattern import fit_patterns, has_pattern, may_have_pattern
-from blurmatte.sweep.fit.ranking import (
-    NEGATIVE_LIGHT,
-    UNSEEN_END,
-    Candidate,
-    best_of,
-    is_source,
-)
+from blurmatte.sweep.fit.ranking import NEGATIVE_LIGHT, UNSEEN_END, Candidate, best_of, is_source
 from blurmatte.sweep.fit.shadow import in_shadow
 from blurmatte.sweep.hypotheses import (
     Disc,

@@ -8,13 +8,7 @@ from numpy.testing import assert_allclose
 from tests.motion.clip.sightings import sighted
 
 from blurmatte.explain import explain
-from blurmatte.motion import (
-    FrameMotion,
-    FrameSightings,
-    Scatter,
-    frame_scatter,
-    link_sightings,
-)
+from blurmatte.motion import FrameMotion, FrameSightings, Scatter, frame_scatter, link_sightings
 from blurmatte.motion.clip.summary import median_radius, speeds_between
 from blurmatte.motion.picture.motion import QUANTITIES, Scale
 

@@ -26,10 +26,7 @@ from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.pose import Change
 from blurmatte.sweep.assess.diagnostics import diagnosed, sweep_of
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.ranking import (
-    Candidate,
-    residual_excess,
-)
+from blurmatte.sweep.fit.ranking import Candidate, residual_excess
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.sweep import Diagnostics

@@ -15,12 +15,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import UNIFORM_VARIANCE
-from blurmatte.sweep.fit.ranking import (
-    Candidate,
-    outlier_fraction,
-    rejection,
-    residual_excess,
-)
+from blurmatte.sweep.fit.ranking import Candidate, outlier_fraction, rejection, residual_excess
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import as_silhouette

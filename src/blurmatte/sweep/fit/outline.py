@@ -15,10 +15,7 @@ import numpy as np
 from blurmatte.checks import Array
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.ranking import (
-    best_of,
-    bic_penalty,
-)
+from blurmatte.sweep.fit.ranking import best_of, bic_penalty
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 from blurmatte.sweep.model.shape import OUTLINE_POINTS
