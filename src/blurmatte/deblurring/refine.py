@@ -31,16 +31,10 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
+from blurmatte.deblurring import priors
 from blurmatte.deblurring.lattice import Lattice, Secant, Surface
 from blurmatte.deblurring.normal_equations import NormalEquations, summed
 from blurmatte.deblurring.operator import Blur
-from blurmatte.deblurring.priors import (
-    GaussianFit,
-    fit_gaussian,
-    fit_strength,
-    gradient_prior,
-    refit_strength,
-)
 from blurmatte.deblurring.view import View
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.statistics import scaled_inverse
@@ -72,7 +66,7 @@ class ExplainedViews:
     blurs: tuple[Blur, ...]
     weights: tuple[Array, ...]
     equations: NormalEquations
-    fit: GaussianFit
+    fit: priors.GaussianFit
 
     def of_channels(self) -> NormalEquations:
         """The equations with the weights of each channel."""
@@ -90,7 +84,7 @@ def explained(
     blurs = [view.blur(lattice) for view in views]
     weights = _weights(views, blurs) if weights is None else weights
     equations = _equations(views, blurs, weights, lattice)
-    fit = fit_gaussian(equations, lattice)
+    fit = priors.fit_gaussian(equations, lattice)
     return ExplainedViews(lattice, tuple(views), tuple(blurs), tuple(weights), equations, fit)
 
 
@@ -98,8 +92,8 @@ def _moved(views: Sequence[View], first: ExplainedViews) -> ExplainedViews:
     """Views with another motion, under the weights and the prior of the first state."""
     blurs = [view.blur(first.lattice) for view in views]
     equations = _equations(views, blurs, first.weights, first.lattice)
-    Q = gradient_prior(first.lattice, equations.width)
-    fit = fit_strength(equations, Q, first.fit.strength)
+    Q = priors.gradient_prior(first.lattice, equations.width)
+    fit = priors.fit_strength(equations, Q, first.fit.strength)
     return replace(first, views=tuple(views), blurs=tuple(blurs), equations=equations, fit=fit)
 
 
@@ -154,8 +148,8 @@ def _known_to(views: Sequence[View], state: ExplainedViews, information: Array) 
 
 def _with_likeliest_strength(state: ExplainedViews) -> ExplainedViews:
     """The state with the likeliest strength of the prior near its own."""
-    Q = gradient_prior(state.lattice, state.equations.width)
-    return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
+    Q = priors.gradient_prior(state.lattice, state.equations.width)
+    return replace(state, fit=priors.refit_strength(state.equations, Q, state.fit.strength))
 
 
 def _likeliest(
@@ -264,7 +258,7 @@ def _at(views: Sequence[View], parameters: Array, covariance: Array | None = Non
     return found
 
 
-def color_variance_inflation(state: ExplainedViews, fit: GaussianFit) -> float:
+def color_variance_inflation(state: ExplainedViews, fit: priors.GaussianFit) -> float:
     """Variance of the color with correlated noise over that with independent noise, at least 1."""
     rng, shape = np.random.default_rng(0), fit.normal.mean.T.shape
     seen = np.zeros((2, *shape, SAMPLES))  # independent and correlated noise, channels, nodes

@@ -16,13 +16,7 @@ from blurmatte.files.clip_decoding import opened
 from blurmatte.files.clip_geometry import side_data_of
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
 from blurmatte.files.clip_times import Timing
-from blurmatte.radiometry.compression import (
-    BLOCK,
-    MACROBLOCK,
-    CodingError,
-    CodingErrors,
-    quantization_variance,
-)
+from blurmatte.radiometry import compression
 from blurmatte.radiometry.transfer import ycbcr_matrix
 
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
@@ -39,7 +33,7 @@ _STEPS: dict[int, Callable[[Array], Array]] = {
 _found: WeakKeyDictionary[Timing, dict[int, tuple[Array, float] | None]] = WeakKeyDictionary()
 
 
-def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
+def coding_errors(clip: Clip, numbers: Sequence[int]) -> compression.CodingErrors | None:
     """The errors that frames share where nothing moves, and where something does; None if not known.
 
     The median of up to three groups of frames: objects change it in few.
@@ -57,14 +51,14 @@ def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
     if not known:
         return None
     still, moving = (
-        CodingError(
+        compression.CodingError(
             np.ascontiguousarray(clip.orientation.upright(blocks.astype(np.float32))),
             clip.size,
             clip.encoding.curves[0],
         )
         for blocks in np.median([blocks for blocks, _ in known], axis=0)
     )
-    return CodingErrors(still, moving, float(np.median([step for _, step in known])))
+    return compression.CodingErrors(still, moving, float(np.median([step for _, step in known])))
 
 
 def _of_group(clip: Clip, key: int) -> tuple[Array, float] | None:
@@ -116,10 +110,10 @@ def _variance(clip: Clip, frame: Any, step: Array) -> Array:
     full = zero_of(same)[0] == 0
     of_planes = []
     for number, plane in enumerate(planes_of(same)):
-        h, w = (-(-side // BLOCK) for side in plane.shape)
-        repeats = 1 if number else MACROBLOCK // BLOCK
+        h, w = (-(-side // compression.BLOCK) for side in plane.shape)
+        repeats = 1 if number else compression.MACROBLOCK // compression.BLOCK
         of_block = np.kron(step, np.ones((repeats, repeats)))[:h, :w]
-        variance = quantization_variance(plane, of_block)
+        variance = compression.quantization_variance(plane, of_block)
         if number:
             variance = np.asarray(np.kron(variance, np.ones((2, 2))))
         scale = 255 if full else 224 if number else 219

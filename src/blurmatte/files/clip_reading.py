@@ -14,14 +14,8 @@ import numpy as np
 
 from blurmatte.checks import AnyArray, Array, Bools, Box, Floats, Floats32, strips
 from blurmatte.errors import FileError, TransferWarning, warn
+from blurmatte.files import clip_geometry
 from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
-from blurmatte.files.clip_geometry import (
-    check_progressive,
-    orientation_of,
-    siting_against,
-    siting_of,
-    with_siting,
-)
 from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.errors import check_size, check_square_pixels
@@ -90,8 +84,8 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int) -> Clip:
         timing = timing_of(path, container, stream, partial(_all_decoded, path, decoder))
     with opened(path) as (container, stream):
         first = next(decoded_packets(container, stream, decoder))
-        check_progressive(path, first, stream.codec_context.field_order)
-        orientation = orientation_of(path, first)
+        clip_geometry.check_progressive(path, first, stream.codec_context.field_order)
+        orientation = clip_geometry.orientation_of(path, first)
         encoding = Profile((_curve(path, first, transfer),) * 3, _matrix(path, first))
         bits = max(part.bits for part in first.format.components)
         return Clip(
@@ -103,7 +97,7 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int) -> Clip:
             codec=stream.codec.name,
             pixel_format=first.format.name,
             decoder=decoder,
-            siting=siting_of(first),
+            siting=clip_geometry.siting_of(first),
             encoding=encoding,
             bits=bits,
             white=_white(first, bits),
@@ -179,7 +173,7 @@ def sited_by(clip: Clip, plate: LinearImage | None, number: int) -> Clip:
         for frame in decode_frames(upright, range(number, number + 1)):
             shown = clip.orientation.stored(plate.rgb)
             pair = (_chroma(clip, light) for light in (frame.rgb, shown))
-            clip = replace(clip, siting=siting_against(*pair) or clip.siting)
+            clip = replace(clip, siting=clip_geometry.siting_against(*pair) or clip.siting)
     if not clip.siting:
         warn(
             "neither the file nor edges of the scene show where its subsampled chroma lies: all places "
@@ -330,7 +324,7 @@ def _decoded(clip: Clip, numbers: range, keep_open: bool = False) -> Iterator[tu
 
 def _checked(clip: Clip, number: int, frame: Any) -> Any:
     """The frame; raises FileError unless it is like the first one."""
-    check_progressive(clip.path, frame, 0)
+    clip_geometry.check_progressive(clip.path, frame, 0)
     size = clip.orientation.size(frame.width, frame.height)
     # The display matrix itself is in `side_data`, which would keep every frame in memory.
     if size != clip.size or frame.rotation != clip.rotation:
@@ -377,7 +371,7 @@ def _codes(clip: Clip, frame: Any, alpha: bool = False) -> AnyArray:
     form = ("rgb24", "rgb48le", "rgba", "rgba64le")[2 * alpha + (clip.bits > 8)]
     default = _usual_matrix(frame)
     codes = (
-        with_siting(frame, clip.siting)
+        clip_geometry.with_siting(frame, clip.siting)
         .reformat(
             format=form,
             src_colorspace=default if frame.colorspace == H273.UNSPECIFIED else None,

@@ -24,15 +24,10 @@ import scipy
 
 from blurmatte.checks import Array, Bools, check_kind
 from blurmatte.errors import MotionError
+from blurmatte.motion.clip import smoothing
 from blurmatte.motion.clip.detections import FrameMotion, check_rows, main_track
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace, check_line_time_of_clip
-from blurmatte.motion.clip.smoothing import (
-    MIN_OUTLIER_PROBABILITY,
-    MIN_STD_PX,
-    noise_scale,
-    student_weights,
-)
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.motion.space.ball_motion import BallMotion
 
@@ -108,7 +103,7 @@ def _fall_of_track(track: Sequence[FrameMotion], line_time: float) -> FreeFall:
     seen = [row.sighting for row in track if row.sighting is not None]
     places = np.array([s.motion.center for s in seen])
     times = _times([row.time for row in track]) + line_time * np.array([s.rows[0] for s in seen])
-    least = MIN_STD_PX**2 * np.eye(2)
+    least = smoothing.MIN_STD_PX**2 * np.eye(2)
     known = np.array([s.motion.center_covariance + least for s in seen])
     sound = np.array([one.is_sound for one in seen])
     return _fall([row.frame for row in track], times, places, known, sound)
@@ -246,9 +241,9 @@ def _excess(times: Array, places: Array, known: Array, sound: Bools) -> Array:
         found, *_ = _polynomial(t[sound], places[sound], weighted, 2)
         off = places - _powers(t, 2) @ found
         chi2 = np.einsum("mi,mij,mj->m", off, W, off)
-        chi2 /= noise_scale(chi2[sound] / share, freedom[sound])
-        weights = student_weights(chi2, freedom)
-    limit = MIN_OUTLIER_PROBABILITY / count
+        chi2 /= smoothing.noise_scale(chi2[sound] / share, freedom[sound])
+        weights = smoothing.student_weights(chi2, freedom)
+    limit = smoothing.MIN_OUTLIER_PROBABILITY / count
     return np.asarray(chi2 / n / scipy.special.fdtri(n, free, 1 - limit))
 
 
