@@ -36,9 +36,8 @@ LIGHTS = {"flat": 1.0, "lamp": 0.35}  # ambient fraction of the light
 RATES = ((0, 50), (50, 100), (100, 150))  # degrees per exposure
 SEEDS = 36
 KEPT = Path(__file__).parents[2] / ".cache" / "spin"
-WRONG_STD = (
-    4.0  # an error of more standard deviations, and of more than the next, is confidently wrong
-)
+# An error of more standard deviations, and of more than the next, is confidently wrong
+WRONG_STD = 4.0
 WRONG_DEG = 10.0
 NOTES = f"""
 Balls of radius 10 to 20 px with patches or clouds of random paint, straight paths of 1.5 to 8

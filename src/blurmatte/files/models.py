@@ -33,9 +33,8 @@ from blurmatte.sweep.sweep import Diagnostics, Sweep
 from blurmatte.trajectory import Trajectory
 
 MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
-MAX_COLOR_VARIANCE = (
-    10.0  # radians², the square of half a turn: older files may exceed a right angle
-)
+# Radians², the square of half a turn: older files may exceed a right angle
+MAX_COLOR_VARIANCE = 10.0
 MAX_NOISE = 1e3  # gain and standard deviations, of white
 
 # Fields of a fit that a file of its curve has for people.

@@ -213,9 +213,8 @@ class Solver(ABC):
     hypotheses: tuple[Hypothesis, ...] = HYPOTHESES  #: the shapes on paths that are fitted
     seconds: float = math.inf  #: CPU time after which no further shape is fitted
     opacity: OpacityPrior = OpacityPrior.USUAL  #: of the shapes
-    fitted_width: ClassVar[float] = (
-        MAX_FITTED_WIDTH_PX  #: pixels: wider streaks are fitted on cells
-    )
+    #: Pixels: wider streaks are fitted on cells
+    fitted_width: ClassVar[float] = MAX_FITTED_WIDTH_PX
 
     def colors(self, model: ColorModel | None) -> ColorModel | None:
         """The colors to solve with, if some were given or the solver knows its own."""

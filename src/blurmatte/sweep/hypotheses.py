@@ -84,9 +84,8 @@ class Hypothesis(ABC):
     """A kind of shape on a path."""
 
     in_words: ClassVar[str] = "a shape"  #: with its article
-    follows_shadow: ClassVar[bool] = (
-        False  #: whether it may explain a shadow as a part of the object
-    )
+    #: Whether it may explain a shadow as a part of the object
+    follows_shadow: ClassVar[bool] = False
     changes_plate: ClassVar[bool] = False  #: whether the object changes the light of the plate
 
     def is_worth_fitting(self, fits: Fits) -> bool:

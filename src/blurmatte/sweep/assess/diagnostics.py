@@ -25,9 +25,8 @@ from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 _OPACITY_STEP = 0.01  # of a numeric derivative
 _MIN_LIGHT = 1e-9  # of white, of an object that has a color
-_MAX_ONE_COLOR_SPREAD = (
-    0.1  # radians across the mean color: noise, gloss and two lamps of one paint
-)
+# Radians across the mean color: noise, gloss and two lamps of one paint
+_MAX_ONE_COLOR_SPREAD = 0.1
 # Of usual lenses, 24 to 200 mm for a frame of 36 mm: over the longer side of the picture. In this range
 # all ratios of two focal lengths are alike.
 _FOCAL_LENGTHS = 24 / 36, 200 / 36

@@ -147,17 +147,7 @@ def _add(first, nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-
     for m in range(len(nodes)):
         for c in range(3):
             r0, r1, r2, r3 = 0.0, 0.0, 0.0, 0.0
-            k00, k01, k02, k03, k11, k13, k22, k23, k33 = (
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-                0.0,
-            )
+            k00 = k01 = k02 = k03 = k11 = k13 = k22 = k23 = k33 = 0.0
             for k in range(first[m], first[m + 1]):
                 h0, h1, h2, h3 = hats[0, k], hats[1, k], hats[2, k], hats[3, k]
                 by = weight[k] * sharp[c, k]

@@ -40,10 +40,8 @@ _MIN_BLUR_PX = 0.2  # standard deviation of the rim's blur: a pixel's width hide
 MAX_FILE_BLUR_PX = 2.0
 # Standard deviation by which a lens blurs the rim, of the radius; more hides the shape
 _MAX_LENS_BLUR = 0.3
-_BY_A, _BY_B = (
-    np.array([[1.0, 0], [0, -1]]),
-    np.array([[0, 1.0], [1, 0]]),
-)  # derivatives of a stretch
+# Derivatives of a stretch
+_BY_A, _BY_B = np.array([[1.0, 0], [0, -1]]), np.array([[0, 1.0], [1, 0]])
 _QUARTER = np.array([[0, -1.0], [1, 0]])  # of a turn, from +x towards +y
 
 
@@ -76,9 +74,8 @@ class Silhouette(FlatShape):
 
     kind = "silhouette"
 
-    order: Annotated[int, Interval(ge=1, le=MAX_ORDER)] = (
-        1  # of the Fourier series of the outline: 1 is a disc, 2 an ellipse
-    )
+    # Of the Fourier series of the outline: 1 is a disc, 2 an ellipse
+    order: Annotated[int, Interval(ge=1, le=MAX_ORDER)] = 1
     turns: bool = False  # it rotates at constant rate in the plane of the picture
     soft: bool = False  # its rim is blurred: by the lens, or by the file
     # Its size, and unless it is a disc its proportions, change at constant rates
