@@ -26,6 +26,7 @@ from blurmatte.descent import distinct
 from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT, bic_penalty
+from blurmatte.sweep.model import mask_kernel as kernel
 from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.mask import Mask, rim_price
 from blurmatte.sweep.model.observation import Observation
@@ -158,8 +159,6 @@ class _Problem:
 
     def spread(self, path: Array) -> tuple[Ints, Array]:
         """Offsets (S, 2) of the pixels that a cell reaches, and the time there with derivatives."""
-        from blurmatte.sweep.model import mask_kernel as kernel  # numba is slow to import
-
         scale = self.observation.scale
         t, weights = moments(self.family, path, scale)
         xy, D = self.family.at(path, t)
@@ -173,8 +172,6 @@ class _Problem:
 
     def moved(self, spread: tuple[Ints, Array], mask: Array, count: int = 1) -> Array:
         """(count, h, w) alpha, and its first derivatives by the path."""
-        from blurmatte.sweep.model import mask_kernel as kernel
-
         alpha = np.zeros((count, *self.observation.weight.shape))
         offsets, spent = spread
         kernel.moved(mask, offsets, np.ascontiguousarray(spent[:, :count]), alpha)
@@ -182,8 +179,6 @@ class _Problem:
 
     def gathered(self, spread: tuple[Ints, Array], maps: Array) -> Array:
         """(k, …) sums over the pixels (k, h, w) of each cell: the adjoint of `moved`."""
-        from blurmatte.sweep.model import mask_kernel as kernel
-
         cells = np.zeros((len(maps), *self.mask.shape))
         kernel.gathered(np.ascontiguousarray(maps), *spread, cells)
         return cells
@@ -299,8 +294,6 @@ class _System:
     @classmethod
     def of(cls, problem: _Problem) -> "_System":
         """The equations at a point."""
-        from blurmatte.sweep.model import mask_kernel as kernel
-
         o, n = problem.observation, len(problem.path)
         spread = problem.spread(problem.path)
         alpha, *slopes = problem.moved(spread, problem.mask, n + 1)
@@ -389,8 +382,6 @@ class _System:
         """Root of the summed variance of alpha by the errors of cells, path and color, if noise is
         independent; that of the path alone is not included.
         """
-        from blurmatte.sweep.model import mask_kernel as kernel
-
         count = len(self.data)
         if not count:
             return 0.0

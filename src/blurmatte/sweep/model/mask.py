@@ -10,6 +10,7 @@ import scipy
 from annotated_types import Ge, Gt, Interval
 
 from blurmatte.checks import Array
+from blurmatte.sweep.model import mask_kernel as kernel
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.shape import FlatShape, SweptAlpha
@@ -80,8 +81,6 @@ class Mask(FlatShape):
 
     def opaque(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> SweptAlpha:
         """Alpha and its derivatives, exact for cells of constant coverage."""
-        from blurmatte.sweep.model import mask_kernel as kernel  # numba is slow to import
-
         t, weights = moments(family, path, pixels.scale)
         xy, D = family.at(path, t)
         at = (xy - np.array(pixels.origin)) / pixels.scale
