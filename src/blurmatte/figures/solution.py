@@ -34,7 +34,7 @@ _BANNERS = {Grade.PLAUSIBLE: style.STREAK, Grade.ASSUMED: style.WARNING}
 _FLAGS: dict[Quality, tuple[drawing.Color, str]] = {
     Quality.MISFIT: ((255, 122, 40), "misfit"),
     Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
-    Quality.SATURATED: ((236, 64, 190), "clipped"),
+    Quality.SATURATED: (style.UNKNOWN, "clipped"),
     Quality.SHADOW: ((150, 90, 220), "only darker"),
     Quality.OCCLUDED: ((90, 200, 230), "behind something"),
 }
