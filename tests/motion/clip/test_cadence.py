@@ -68,6 +68,21 @@ def test_times_of_a_recorder_that_stopped_are_kept():
     assert Cadence.stated(rows).jumps == ((9, 10, 2),)
 
 
+def test_a_frame_of_an_object_at_rest_is_no_repeat():
+    """Exact: its path within the exposure is short, so that all times stay as they are."""
+    at = 30 * np.array([0, 1, 2, 3, 3.7, 3.7, 3.7, 4, 5, 6, 7])
+    resting = (4, 5, 6)
+    frames = [
+        bm.motion.FrameSightings(
+            k, k / 25, (sighting([20 + x, 60], [3.0 if k in resting else 18.0, 0], 0.5, std=0.02),)
+        )
+        for k, x in enumerate(at)
+    ]
+    rows = bm.motion.link_sightings(frames)
+    assert Cadence.stated(rows).repeated == ()
+    assert [row.time for row in rows] == [k / 25 for k in range(len(at))]
+
+
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 9])
 def test_short_tracks_equal_times_and_exact_places_are_linked(count):
     """Door: no number overflows, is divided by zero, or is the root of a negative one."""

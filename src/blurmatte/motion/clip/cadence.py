@@ -2,6 +2,8 @@
 
 A clip that was converted to another rate, or whose recorder skipped captures, has a displacement of
 zero between two frames, or a multiple of the usual one, while the motion before and after is steady.
+In a frame that repeats another the object moves as long as usual while it is exposed; an object at rest
+does not.
 
 A conversion to a higher rate shows some captures in two frames or more. The time stamp of a frame is
 then up to one interval later than the capture, while captures are equally spaced. A recorder that
@@ -154,6 +156,7 @@ def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
     seen = [row.stated for row in rows]
     places = np.array([one.motion.center for one in seen if one is not None]).reshape(-1, 2)
     errors = [one.motion.center_covariance for one in seen if one is not None]
+    lengths = np.array([(one.motion.length, one.motion.length_std) for one in seen if one])
     found, least = [], MIN_STD_PX**2 * np.eye(2)
     for k in range(1, len(rows)):
         before, after = slice(max(k - _NEIGHBORS, 0), k), slice(k, k + _NEIGHBORS)
@@ -164,8 +167,21 @@ def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
             span = times[k] - times[k - 1]
             S = errors[k] + errors[k - 1] + least
             factor = _factor(places[k] - places[k - 1], S, span * step, span * std)
-        found.append(factor)
+        found.append(1 if factor == 0 and _rests(lengths, k) else factor)
     return found
+
+
+def _rests(lengths: Array, k: int) -> bool:
+    """Whether an object is at rest at row k or before it: its path is shorter than half the usual one.
+
+    lengths (n, 2): of the paths in all rows, and their errors.
+    """
+    first = max(k - _NEIGHBORS, 0)
+    others = np.concatenate([lengths[first : k - 1, 0], lengths[k + 1 : k + _NEIGHBORS, 0]])
+    if not len(others):
+        return False
+    shorter = np.median(others) / 2 - lengths[k - 1 : k + 1, 0]
+    return bool(np.any(shorter > _MIN_STEPS * lengths[k - 1 : k + 1, 1]))
 
 
 def _predicted(
