@@ -177,14 +177,15 @@ def test_errors_are_honest_over_objects_that_let_light_through(kinds):
     assert np.mean(np.abs(z) < 2) > 0.8
 
 
-def lamp(behind, radius=3.0, length=80.0, light=10.0, seed=0):
+def lamp(behind, radius=3.0, length=80.0, light=10.0, seed=0, brightness=None):
     """Image and plate of a lamp on its way to the right, and the light that it added."""
     rng, (w, h) = np.random.default_rng(seed), (128, 48)
     y, x = np.mgrid[:h, :w]
     sky = gaussian_filter(rng.normal(size=(h, w)), 1.5)
     B = np.array(behind) * (1 + 0.2 * sky / sky.std())[..., None]
     centers = w / 2 + length * (np.arange(320) / 319 - 0.5)
-    chi = np.mean([np.clip(radius + 0.5 - np.hypot(x - cx, y - 23.4), 0, 1) for cx in centers], 0)
+    discs = [np.clip(radius + 0.5 - np.hypot(x - cx, y - 23.4), 0, 1) for cx in centers]
+    chi = np.average(discs, axis=0, weights=brightness)
     added = chi[..., None] * light * np.array([1.0, 0.8, 0.4])
     noise = (rng.normal(size=B.shape) * np.sqrt(SENSOR.variance(z)) for z in (B + added, B))
     image, plate = (
@@ -226,6 +227,18 @@ def test_a_lamp_is_measured(at_night):
     motion = measure_motion(at_night[-1])
     assert abs(motion.length - 80) < max(3 * motion.length_std, 0.3)
     assert abs(motion.radius - 3) < 0.1
+    assert motion.doubts == ()
+
+
+def test_a_lamp_that_brightens_at_constant_speed_is_within_the_errors_of_place_and_speed():
+    image, plate, _ = lamp((0.05, 0.06, 0.1), 2.0, seed=1, brightness=np.linspace(0.2, 1, 320))
+    solution = solve(image, plate)
+    assert solution.stats.only_adds_light
+    motion = measure_motion(solution)
+    std = np.sqrt(np.diag(motion.covariance))
+    assert abs(motion.center[0] - 64) < 2 * std[0] < 20
+    assert abs(motion.top_speed - 80) < 2 * std[-1]
+    assert any("brightness" in doubt for doubt in motion.doubts)
 
 
 def test_over_the_plate_the_light_of_a_lamp_gives_back_the_picture(tmp_path, at_night):

@@ -31,7 +31,7 @@ from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
 from blurmatte.motion.picture.motion import MOMENTS, QUANTITIES, SWEEP, Motion
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import UNIFORM_VARIANCE, UNKNOWN_FRACTION
+from blurmatte.statistics import UNIFORM_VARIANCE, UNKNOWN_FRACTION, chi_square_quantile
 from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.sweep.model.shape import OUTLINE_POINTS
 from blurmatte.sweep.sweep import Sweep
@@ -48,6 +48,10 @@ _CUT_BY_REGION = (
     "The shape reaches beyond the region, which may cut the object: the guessed plate then shows its "
     "rest; solve with a region that holds all of it."
 )
+_OPEN_BRIGHTNESS = (
+    "It only adds light, and a change of its brightness looks like one of its speed: the errors of "
+    "place and speed contain both, and its path may begin and end where it was too faint to be seen."
+)
 
 
 # When alpha counts as present, and when a motion from moments gets a doubt.
@@ -57,6 +61,7 @@ _MAX_UNKNOWN_FRACTION = 0.02  # of the streak's pixels
 _PART_SMOOTHING_PX = 2.0  # standard deviation of the Gaussian before parts are labeled
 _MIN_PART_ALPHA = 0.15  # of the largest smoothed alpha
 _MIN_PART_FRACTION = 0.05  # of the sum of alpha: a smaller part is noise
+_EVEN = 0.999  # probability of a smaller distance from the fitted place, of an even source
 # Width of the Gaussian over which the derivative of alpha is taken.
 _SCALES_PX = (1.0, 1.5, 2.2, 3.3, 5.0)  # tried in this order
 _MAX_STD = 0.15  # median error of the change that separates 0 from 1 in most pixels
@@ -108,6 +113,8 @@ def measure_motion(solution: Solution) -> Motion:
     motion = motion_of_sweep(solution.sweep, *known)
     if solution.stats.leaves_region:
         motion = replace(motion, doubts=(*motion.doubts, _CUT_BY_REGION))
+    if solution.stats.only_adds_light:
+        motion = _of_any_brightness(motion, solution)
     return motion.reversed if abs(motion.angle) > np.pi / 2 else motion
 
 
@@ -146,6 +153,42 @@ def motion_of_sweep(
         exposure_time=exposure_time,
         sweep=sweep,
         readout=readout,
+    )
+
+
+def _of_any_brightness(motion: Motion, solution: Solution) -> Motion:
+    """A motion with the errors of a source whose brightness may change, if its light is not even.
+
+    At constant brightness the mean place is that of its light, and at constant speed the middle of its
+    path. They enter the errors where they are elsewhere than the fitted place.
+    """
+    light = np.sum(solution.premultiplied, axis=2, dtype=float)
+    variance = np.sum(np.square(solution.premultiplied_std, dtype=float), axis=2)
+    weights = _Weights.of(light, variance, solution.streak, solution.known)
+    moments, errors = _moments(weights, "the added light sums to {}")
+    xy = motion.trajectory.xy
+    along = np.insert(np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1)), 0, 0)
+    middle = [np.interp(along[-1] / 2, along, axis) for axis in xy.T]
+    own, added = motion.covariance[:2, :2], np.zeros((2, 2))
+    for place, error in ((moments[1:3], errors[1:3, 1:3]), (middle, 0.0)):
+        off = place - motion.center
+        if off @ np.linalg.solve(own + error, off) > chi_square_quantile(_EVEN, 2):
+            added += np.outer(off, off)
+    if not added.any():
+        return motion
+    covariance = motion.covariance.copy()
+    covariance[:2, :2] += added
+    covariance[-1, -1] += (motion.top_speed - motion.length) ** 2
+    known, change = motion.acceleration_covariance, motion.acceleration
+    if known is not None and change is not None:
+        known = known + np.outer(change, change)
+    return replace(
+        motion,
+        covariance=covariance,
+        speeds_std=np.hypot(motion.speeds_std, motion.speeds - motion.length),
+        acceleration_covariance=known,
+        resting_std=float(np.hypot(motion.resting_std, motion.resting)),
+        doubts=(*motion.doubts, _OPEN_BRIGHTNESS),
     )
 
 
