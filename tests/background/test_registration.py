@@ -116,6 +116,14 @@ def test_rows_of_bent_frames_are_read_at_other_times():
     assert path.delay_std == pytest.approx(12 / SIZE[1] / np.sqrt(3), rel=1e-2)
 
 
+def test_frames_of_a_zoom_are_displaced_at_their_corners():
+    # exact: its center stays where it is
+    views = tuple(Warp(similarity(SIZE, zoom=zoom), SIZE) for zoom in (0.99, 1.0, 1.01))
+    far = np.hypot(*(np.array(SIZE) - 1)) / 2
+    assert CameraPath(SIZE, views, PixelGrid(SIZE), 1).reach == pytest.approx(0.01 * far)
+    assert CameraPath(SIZE, views, PixelGrid(SIZE), 0).reach == pytest.approx(0.02 * far)
+
+
 def test_plate_holds_all_that_the_frames_show_within_its_error(points, fit):
     # honest
     canvas = fit.camera.canvas

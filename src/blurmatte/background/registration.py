@@ -126,10 +126,12 @@ class CameraPath:
 
     @property
     def reach(self) -> float:
-        """Largest displacement of the center of a frame against the reference frame, pixels."""
-        center = (np.array([self.size]) - 1) / 2
-        seen = [view.points(center)[0] - center[0] for view in _known(self.views)]
-        return float(np.hypot(*np.array(seen).T).max())
+        """Largest displacement of a corner of a frame against the reference frame, pixels."""
+        corners = np.array(list(product(*((0.0, n - 1.0) for n in self.size))))
+        at = None if self.reference is None else self.views[self.reference]
+        start = at.points(corners) if isinstance(at, Warp) else corners
+        seen = [view.points(corners) - start for view in _known(self.views)]
+        return float(np.linalg.norm(seen, axis=2).max())
 
     @property
     def delay_std(self) -> float:
