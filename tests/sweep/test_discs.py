@@ -9,6 +9,7 @@ from tests.sweep.scenes import (
     JPEG,
     RADIUS,
     RED,
+    TILES,
     WALL,
     along,
     alpha_error,
@@ -22,6 +23,7 @@ from blurmatte.rendering.pose import Change
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep.discs import fit_disc, fit_disc_colors
 from blurmatte.sweep.model.path import LINE, PARABOLA
+from blurmatte.trajectory import Trajectory
 
 
 @pytest.mark.parametrize("scene", [FLAT[LINE], FLAT[PARABOLA]], ids=["line", "parabola"])
@@ -32,6 +34,15 @@ def test_fit_disc_is_a_quick_fit_of_a_parabola(scene):
     assert sweep.family.name == "parabola"
     assert alpha_error(sweep.alpha, rendered(scene).layer.alpha) < 0.01
     assert abs(sweep.radius - RADIUS) < max(4 * sweep.radius_std, 0.05)
+
+
+@pytest.mark.parametrize("length", [2.5, 3.0, 4.0, 5.0])
+def test_a_short_way_is_not_taken_for_one_there_and_back(length):
+    """honest"""
+    way = Trajectory.line((60, 40), (60 + length, 40 + 0.3 * length))
+    image, plate = photographed(Scene(TILES, way, Ball(13, GREEN, ambient=1.0)))
+    sweep = fit_disc(image, plate, require_streaks(image, plate)[0])
+    assert abs(sweep.length - way.length) < 0.2
 
 
 def test_noise_of_neighbors_is_no_second_paint():

@@ -146,12 +146,17 @@ class Multistart:
         """As `quick` and as likely, for pictures in which rims are seldom sharp.
 
         The sharp disc is fitted only if the blur of the rim does not make its own likelier for sure. In
-        gray pictures a change of speed looks like a change of brightness: it must be worth its price.
+        gray pictures a change of speed looks like a change of brightness: it must be worth its price. A
+        short way looks like one there and back on large pixels.
         """
         curve, radius = self.curves[0]
         families = (LINE, PARABOLA) if self.observation.channels == 1 else (PARABOLA,)
         coarse = best_of(self._fits(curve, radius, families))
-        soft = self._with_blur(with_principal_axes(coarse.on(self.observation)))
+        starts = [coarse]
+        if np.linalg.norm(np.diff(coarse.curve, axis=0), axis=1).sum() < 2 * coarse.radius:
+            starts += self._fits(curve, radius, (LINE,))
+        on_small = (with_principal_axes(one.on(self.observation)) for one in starts)
+        soft = best_of([self._with_blur(one) for one in on_small])
         if _is_surely_blurred(soft):
             return soft
         return best_of([self._refined(soft.of_kind(as_silhouette(coarse.silhouette))), soft])
