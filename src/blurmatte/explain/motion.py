@@ -100,8 +100,8 @@ def _path(motion: Motion) -> Iterator[str]:
         return
     if not motion.moved:
         yield (
-            f"It moved {length}: noise alone may look like that, so that it may have been at rest; its "
-            "direction is unknown."
+            f"It moved {length}: noise or the blur of the lens may look like that, so that it may have "
+            "been at rest; its direction is unknown."
         )
         return
     least = "at least " if motion.at_border else ""

@@ -172,7 +172,7 @@ def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
 
 
 def _rests(lengths: Array, k: int) -> bool:
-    """Whether an object is at rest at row k or before it: its path is shorter than half the usual one.
+    """Whether an object is at rest at row k or before it: its path is not half as long as usual.
 
     lengths (n, 2): of the paths in all rows, and their errors.
     """
@@ -180,8 +180,8 @@ def _rests(lengths: Array, k: int) -> bool:
     others = np.concatenate([lengths[first : k - 1, 0], lengths[k + 1 : k + _NEIGHBORS, 0]])
     if not len(others):
         return False
-    shorter = np.median(others) / 2 - lengths[k - 1 : k + 1, 0]
-    return bool(np.any(shorter > _MIN_STEPS * lengths[k - 1 : k + 1, 1]))
+    usual, (length, std) = np.median(others), lengths[k - 1 : k + 1].T
+    return bool(np.any((length < usual / 2) & (usual - length > _MIN_STEPS * std)))
 
 
 def _predicted(

@@ -130,6 +130,10 @@ def motion_of_sweep(
 
     parameters = np.concatenate([sweep.path, sweep.shape])
     values, covariance = propagated(quantities, parameters, sweep.covariance, slice(2, 3))
+    if _is_unresolved(sweep):
+        motion = values.copy()
+        motion[[0, 1, 2, *range(4, _N - 1)]] = 0  # all but the length, speeds and their change
+        covariance += np.outer(motion, motion)
     bends = sweep.family not in (LINE, FROM_REST)
     t = _times(sweep, sweep.path)
     xy = _centers(sweep, sweep.path, sweep.shape, t)
@@ -190,6 +194,17 @@ def _of_any_brightness(motion: Motion, solution: Solution) -> Motion:
         resting_std=float(np.hypot(motion.resting_std, motion.resting)),
         doubts=(*motion.doubts, _OPEN_BRIGHTNESS),
     )
+
+
+def _is_unresolved(sweep: Sweep) -> bool:
+    """Whether a path blurs less than the lens or the file and the pixels do.
+
+    Then a blur of another profile than that of the model looks like such a path, often one that turns
+    back. Variances are compared, along both axes together.
+    """
+    blur = max(sweep.silhouette.softness(sweep.shape), sweep.diagnostics.chroma_blur)
+    spread = sweep.family.curve(sweep.path).var(axis=0).sum()
+    return bool(spread < 2 * (blur**2 + UNIFORM_VARIANCE))
 
 
 def _quantities_of_sweep(sweep: Sweep, path: Array, shape: Array) -> Array:
