@@ -116,6 +116,20 @@ def test_reasons_state_the_numbers_of_their_terms(solution):
     )
 
 
+def test_the_radius_has_the_same_error_in_the_reason_and_on_the_sheet(solution):
+    """exact: that of a guessed plate is in it, 10 % where the fit alone knows it to 4 %."""
+    (said,) = grade_in_words(
+        solution(
+            grade=Grade.PLAUSIBLE,
+            grade_reasons=("size",),
+            error_terms=TERMS,
+            claimed_error=0.03,
+            sweep=disc_on_arc(radius_std=1.8),
+        )
+    )
+    assert said.endswith("the radius is uncertain (± 10 %)")
+
+
 def test_impossible_sum_gives_a_warning(solution):
     nothing = solution(sum_alpha=-50.0, sum_alpha_std=2.0)
     (doubt,) = doubts(nothing)

@@ -186,13 +186,14 @@ def _number(name: str, stats: SolutionStats) -> str:
         return f" ({', '.join(stats.untried)})" if stats.untried else ""
     if terms is None or claim is None:
         return ""
-    weights = sorted(stats.weights or (1.0,))
+    weights, sweep = sorted(stats.weights or (1.0,)), stats.sweep
+    radius = math.expm1(terms.radius) if sweep is None else 100 * sweep.radius_std / sweep.radius
     numbers = {
         "noise": lambda: f" (error {claim:.2g})",
         "shape": lambda: f" (by {claim * math.expm1(terms.shapeless):.2g})",
         "color": lambda: f" (± {math.expm1(terms.color_angle):.2g}°)",
         "colors": lambda: f" (by {math.degrees(terms.color_spread):.2g}°)",
-        "size": lambda: f" (± {math.expm1(terms.radius):.2g} %)",
+        "size": lambda: f" (± {radius:.2g} %)",
         "correlation": lambda: f" ({math.exp(terms.correlation):.2g} times the variance)",
         "disagreement": lambda: f" (weight {weights[-2]:.2g})" if len(weights) > 1 else "",
     }
