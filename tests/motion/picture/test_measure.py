@@ -10,6 +10,7 @@ from tests.scenes import photographed, solution_of
 
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import MotionError
+from blurmatte.explain import explain
 from blurmatte.files.solutions import read_solution
 from blurmatte.files.writing import write
 from blurmatte.matting import solve
@@ -55,6 +56,15 @@ def sweep_of(family, path, silhouette=DISC, shape=(9.0,), std=0.05, residual_exc
 
 def of_sweep(sweep):
     return measure_motion(solution_of(sweep.alpha, sweep=sweep))
+
+
+def test_a_path_from_rest_that_departs_at_once_is_a_line_at_constant_speed():
+    # exact
+    motion = of_sweep(sweep_of(FROM_REST, [20, 30, 70, 42, 0.0]))
+    said = " ".join(explain(motion))
+    assert "a straight line at constant speed" in said
+    assert "at rest" not in said
+    assert "Its speed was between" not in said
 
 
 def drawn(angle=0.3, length=30.0, radius=7.0, size=SIZE, at=(48.2, 35.7)):

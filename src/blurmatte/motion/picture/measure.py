@@ -138,6 +138,7 @@ def motion_of_sweep(
     t = _times(sweep, sweep.path)
     xy = _centers(sweep, sweep.path, sweep.shape, t)
     resting = sweep.family is FROM_REST
+    family = LINE if resting and not sweep.family.kink(sweep.path) else sweep.family
     return Motion(
         trajectory=Trajectory(xy, t),
         values=values[:_N],
@@ -145,7 +146,7 @@ def motion_of_sweep(
         speeds=values[_N + 2 :],
         speeds_std=np.sqrt(np.maximum(np.diag(covariance)[_N + 2 :], 0)),
         source=SWEEP,
-        path=sweep.family.name,
+        path=family.name,
         silhouette=sweep.silhouette.name,
         size=sweep.size,
         acceleration=values[_N : _N + 2] if bends else None,
