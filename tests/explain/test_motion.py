@@ -74,6 +74,7 @@ def test_motion_in_words_omits_what_does_not_apply():
     [
         (motion_of(*LINE).speed(Scale(0.002)), "Mean speed 5.1"),
         (motion_of(*LINE).speed(Scale(0.002, 0.0002)), "largest first: scale 10 %, length 0."),
+        (motion_of(*LINE).speed(Scale(0.002, 0.0024)), "largest first: scale 120 %, length 0."),
         (motion_of(*LINE).speed(), "the scale is missing for meters per second"),
         (replace(motion_of(*LINE), exposure_time=None).speed(), "scale and the exposure time are"),
         (motion_of(*LINE).speed(), "rolling shutter that takes 20 ms"),

@@ -153,7 +153,11 @@ def speed_in_words(speed: Speed) -> Iterator[str]:
             "second."
         )
     parts = sorted(speed.parts.items(), key=lambda part: -part[1])
-    shares = ", ".join(f"{name} {100 * share:.2g} %" for name, share in parts if share > 0)
+    shares = ", ".join(
+        f"{name} {100 * share:{'.0f' if share >= 0.1 else '.2g'}} %"
+        for name, share in parts
+        if share > 0
+    )
     yield f"Sources of its error, largest first: {shares}."
     if speed.unknown is None or speed.unknown < 0.002:  # of the speed: negligible
         return
