@@ -198,12 +198,13 @@ def _of_any_brightness(motion: Motion, solution: Solution) -> Motion:
 
 
 def _is_unresolved(sweep: Sweep) -> bool:
-    """Whether a path blurs less than the lens or the file and the pixels do.
+    """Whether a path blurs less than the lens and the pixels do.
 
     Then a blur of another profile than that of the model looks like such a path, often one that turns
-    back. Variances are compared, along both axes together.
+    back. Variances are compared, along both axes together. The blur of a file's chroma has a known
+    profile, which fits are corrected for.
     """
-    blur = max(sweep.silhouette.softness(sweep.shape), sweep.diagnostics.chroma_blur)
+    blur = sweep.silhouette.softness(sweep.shape)
     spread = sweep.family.curve(sweep.path).var(axis=0).sum()
     return bool(spread < 2 * (blur**2 + UNIFORM_VARIANCE))
 
