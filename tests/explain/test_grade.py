@@ -309,7 +309,7 @@ def test_cast_shadow_is_described_without_a_warning(solution):
 
 @pytest.mark.parametrize(("softness", "said"), [(0.0, False), (0.4, False), (3.62, True)])
 def test_soft_rim_is_stated_if_significant(solution, softness, said):
-    words = "The lens blurs its rim by 3.6 px: it was not in focus as the plate is."
+    words = "The lens blurs its rim by 3.6 px: it was not in focus as the scene is."
     assert (words in explain(solution(sweep=disc_on_arc(softness=softness)))) == said
 
 

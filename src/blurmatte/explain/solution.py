@@ -91,7 +91,7 @@ def sweep_in_words(solution: Solution) -> list[str]:
     said = [*_explained(sweep, solution), *_opacity(sweep, solution.stats.grade_reasons)]
     if sweep.softness >= _MIN_BLUR_PX:
         said.append(
-            f"The lens blurs its rim by {sweep.softness:.1f} px: it was not in focus as the plate is."
+            f"The lens blurs its rim by {sweep.softness:.1f} px: it was not in focus as the scene is."
         )
     if sweep.shadow is not None:
         away = float(np.hypot(*sweep.shadow.offset))

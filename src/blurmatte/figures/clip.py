@@ -187,7 +187,8 @@ def _draw_mattes(sheet: Canvas, mattes: Sequence[Matte]) -> None:
 
 def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[drawing.Color, str]]:
     """What the colors of the paths mean."""
-    crosses = f"standard deviations of the centers, {enlarged:g} times enlarged"
+    by = f", {enlarged:g} times enlarged" if enlarged > 1 else ""
+    crosses = f"standard deviations of the centers{by}"
     within = (style.BRIGHT, "path within an exposure")
     if len(objects) < 2:
         between = (style.OTHER, "path between frames")
