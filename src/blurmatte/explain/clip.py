@@ -17,6 +17,8 @@ from blurmatte.motion.clip.summary import (
     speeds_between,
 )
 
+_MOST_REASONS = 3  # why frames are empty, that are named
+
 
 def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> list[str]:
     """Sentences about what was found in the frames; `color` names that of the object."""
@@ -24,7 +26,7 @@ def clip_in_words(rows: Sequence[FrameMotion], color: str, several: bool) -> lis
     frames, of = len({row.frame for row in rows if row.sighting}), len({row.frame for row in rows})
     said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
     empty = Counter(row.reason for row in rows if row.sighting is None and row.reason)
-    reasons = [f"{reason} ({count})" for reason, count in empty.most_common(3)]
+    reasons = [f"{reason} ({count})" for reason, count in empty.most_common(_MOST_REASONS)]
     why = [f"Frames without it: {', '.join(reasons)}."] if reasons else []
     if not found:
         return [said[0], f"{said[1]}.", *why]

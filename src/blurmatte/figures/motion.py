@@ -14,6 +14,8 @@ from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 
+_STRIP = 8  # sub-frames
+
 
 def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Codes8:
     """Draw a motion over the picture: path, first and last outline, and the errors.
@@ -155,7 +157,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Codes8
         Panel.gray(std, drawing.round_up(float(std.max())), "error of the color"),
     ]
     sheet.grid(panels, "the color and its standard deviation", _layout(part.size, 2, [2]))
-    panels = [Panel.layer(one.crop(box), "") for one in sharp.subframes(8)]
+    panels = [Panel.layer(one.crop(box), "") for one in sharp.subframes(_STRIP)]
     sheet.grid(panels, "sub-frames; the direction of time is unknown", _layout(size, len(panels)))
     return sheet.pixels()
 

@@ -55,10 +55,12 @@ _HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
+_KEY_BYTES = 32
 _MAX_JSON_BYTES = 1 << 20
 _SECONDS_OF_SILENCE = 60.0  # between pieces of a body, after which it is given up
 _SECONDS_TO_DRAIN = 2.0  # of what comes of a refused file
 _PIECE_BYTES = 1 << 20
+_SECONDS_TO_CLOSE = 1  # for requests that run when the server ends
 
 
 def serve(session: Session, port: int, opened: Callable[[str], None]) -> bool:
@@ -96,7 +98,7 @@ def serve(session: Session, port: int, opened: Callable[[str], None]) -> bool:
 async def _serve(
     session: Session, listening: socket.socket, host: str, opened: Callable[[str], None]
 ) -> bool:
-    key = secrets.token_urlsafe(32)
+    key = secrets.token_urlsafe(_KEY_BYTES)
     async with session:
         opened(f"http://{host}/#{key}")
         requests = Requests(session)
@@ -110,7 +112,7 @@ async def _serve(
                 log_level="critical",
                 access_log=False,
                 server_header=False,
-                timeout_graceful_shutdown=1,  # seconds, for requests that run
+                timeout_graceful_shutdown=_SECONDS_TO_CLOSE,
             )
         )
 
