@@ -41,6 +41,10 @@ _INTERVALS = 128  # of the exposure
 _END = 1e-3  # exposures: step of the differences that give the velocity at both ends
 _DEPARTURE = 4  # index of the time of departure in the parameters of a path from rest
 _N = len(QUANTITIES)
+# Indices of what is no length, speed or change of speed
+_PLACE_AND_SIZE = [
+    QUANTITIES.index(one) for one in QUANTITIES if one not in ("length", "top_speed")
+]
 _OTHER = (
     "The streak may be of something else or of several objects, or the plate differs: the fit {}."
 )
@@ -132,7 +136,7 @@ def motion_of_sweep(
     values, covariance = propagated(quantities, parameters, sweep.covariance, slice(2, 3))
     if _is_unresolved(sweep):
         motion = values.copy()
-        motion[[0, 1, 2, *range(4, _N - 1)]] = 0  # all but the length, speeds and their change
+        motion[_PLACE_AND_SIZE] = 0
         covariance += np.outer(motion, motion)
     bends = sweep.family not in (LINE, FROM_REST)
     t = _times(sweep, sweep.path)
