@@ -45,25 +45,37 @@ def _smallest(values, rank):  # type: ignore[no-untyped-def]
     return values[rank]
 
 
+@njit(inline="always", fastmath=FAST_MATH)
+def _distance(x, y, noise):  # type: ignore[no-untyped-def]
+    """D of two lights (3,) of one frame each."""
+    D = ZERO
+    for c in range(3):
+        D += (y[c] - x[c]) ** 2 * _precision((x[c] + y[c]) / TWO, noise, c, TWO)
+    return D
+
+
 @njit(fastmath=FAST_MATH)
 def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
     """Write λ: the lower 20 % quantile of D between consecutive samples over that of χ².
 
-    samples is (K, n, 3), noise nine coefficients, out (n,). 1 for pixels that fewer than two show.
+    samples is (K, n, 3), noise nine coefficients, out (n,). 1 for pixels that fewer than two show. The
+    first sample follows the last: of three, both other pairs contain the middle one.
     """
-    D = np.empty(samples.shape[0] - 1, np.float32)
+    D = np.empty(samples.shape[0], np.float32)
     for i in range(samples.shape[1]):
-        pairs, before = 0, -1
+        pairs, first, before = 0, -1, -1
         for k in range(samples.shape[0]):
             if samples[k, i, 0] < MIN_SEEN:
                 continue
             if before >= 0:
-                D[pairs] = ZERO
-                for c in range(3):
-                    x, y = samples[before, i, c], samples[k, i, c]
-                    D[pairs] += (y - x) ** 2 * _precision((x + y) / TWO, noise, c, TWO)
+                D[pairs] = _distance(samples[before, i], samples[k, i], noise)
                 pairs += 1
+            else:
+                first = k
             before = k
+        if pairs > 1:
+            D[pairs] = _distance(samples[before, i], samples[first, i], noise)
+            pairs += 1
         low = int(0.2 * pairs)  # a pixel that is rarely free has at least these
         out[i] = _smallest(D[:pairs], low) / np.float32(1.005) if pairs else ONE
 
