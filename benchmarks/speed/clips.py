@@ -70,7 +70,7 @@ def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     clip, alone = bm.read_frames(path), bm.motion.Workers(1)
     count = len(clip)
     plates: list[bm.LinearImage] = []
-    plate_seconds = cpu_seconds(lambda: plates.append(clip_plate(clip)[0]))
+    plate_seconds = cpu_seconds(lambda: plates.append(clip_plate(clip).plate))
     scene = StaticScene.of(clip, plates[0])
     survey(clip[:2], scene, alone)  # compiles, or loads what is compiled
     steps = {

@@ -357,3 +357,45 @@ def test_plates_of_halves_of_a_real_clip_agree(real_data):
     z = ((one.plate.rgb - other.plate.rgb) / np.sqrt(variance))[both]
     assert 0.8 < np.std(z) < 1.1
     assert np.mean(np.sqrt(np.mean(z**2, axis=-1)) > 3) < 0.003
+
+
+def test_frame_in_the_middle_of_three_does_not_change_the_plate_below_it(scene):
+    # honest: of the pairs of consecutive frames both contain it
+    faint = scene.copy()
+    faint[20:40, 30:50] = 0.9 * scene[20:40, 30:50] + 0.1 * BALL
+    z = []
+    for seed in range(6):
+        frames = [
+            noisy(light, 0.006, 3 * seed + k) for k, light in enumerate((scene, faint, scene))
+        ]
+        plate = make_plate(images(frames)).plate
+        away = np.abs(0.1 * (BALL - scene)).max(axis=-1) > 0.04
+        away[:20] = away[40:] = away[:, :30] = away[:, 50:] = False
+        z.append(
+            ((plate.rgb - scene) * np.sign(BALL - scene) / np.sqrt(plate.variance))[away].mean()
+        )
+    assert abs(np.mean(z)) < 0.15
+
+
+def test_plate_without_a_frame_is_that_of_the_others(scene):
+    # exact: one that is not part of the mean of a pixel changes nothing there
+    lights = [noisy(with_ball(scene, 8 * i), 0.004, i) for i in range(5)]
+    frames = images(
+        gain * light for gain, light in zip((1, 1.05, 1, 0.97, 1.02), lights, strict=True)
+    )
+    fit = make_plate(frames)
+    box = (3, 10, 80, 60)
+    inner = np.s_[10:60, 3:80]
+    for k, frame in enumerate(frames):
+        bits = fit.shares.free[inner]
+        free = np.array([bits >> i & 1 for i in range(5)], bool)
+        others = np.array([f.rgb[inner] / g for f, g in zip(frames, fit.gain, strict=True)])
+        weights = free[..., None] * (np.arange(5) != k)[:, None, None, None]
+        mean = (weights * others).sum(0) / np.maximum(weights.sum(0), 1)
+        plate = fit.shares.without(k, frame.crop(box), fit.plate.crop(box), box)
+        some = weights.sum(0)[..., 0] > 0
+        assert_allclose(plate.rgb[some], mean[some], atol=2e-6)
+        inflation = plate.variance / fit.plate.variance[inner]
+        assert_allclose(inflation[~free[k]], 1)
+        count = free.sum(0)[free[k] & some]
+        assert_allclose(inflation[free[k] & some][:, 0], count / (count - 1), rtol=1e-6)

@@ -16,6 +16,7 @@ from blurmatte.background.camera_motion import CameraMotionError, check_static_c
 from blurmatte.background.parallax import camera_path
 from blurmatte.background.registration import CameraPath, FramesOnCanvas, show_one_scene
 from blurmatte.background.robust_mean import (
+    MAX_BITS,
     VARIANCE_WINDOW_PX,
     Modes,
     Sums,
@@ -26,7 +27,7 @@ from blurmatte.background.robust_mean import (
 )
 from blurmatte.background.robust_mean_kernel import RIM_PX
 from blurmatte.background.samples import CutError, Samples, frame_name, take_samples
-from blurmatte.checks import Bools, Floats, strips
+from blurmatte.checks import Bools, Box, Floats, Ints32, rows_columns, strips
 from blurmatte.errors import PlateError
 from blurmatte.notebook import Displayed
 from blurmatte.radiometry import CodingError, LinearImage, Meta, NoiseModel
@@ -48,6 +49,46 @@ _BAND_PIXELS = 160_000  # estimated at a time
 
 
 @dataclass(frozen=True, eq=False)
+class FrameShares:
+    """Which of a few frames each pixel of their plate is the mean of.
+
+    Parameters
+    ----------
+    free : (H, W) int32
+        Bit k is 1 where frame k is part of the mean.
+    gain : (N, 3) float
+        Light of each frame over that of the plate, per channel.
+    """
+
+    free: Ints32
+    gain: Floats
+
+    def without(self, k: int, image: LinearImage, plate: LinearImage, box: Box) -> LinearImage:
+        """The plate in a box, as the other frames show it.
+
+        Where the object is fainter than the noise, frame k is part of the mean: the object is in the
+        plate, and the errors of both are correlated. With n free frames and the light x of one,
+
+            B' = B + (B − x) / (n − 1),   Var B' = Var B · n / (n − 1).
+
+        Parameters
+        ----------
+        k : int
+            Index of the frame.
+        image, plate : LinearImage
+            The frame and the plate in the box.
+        box : tuple of (x0, y0, x1, y1)
+            In the frame.
+        """
+        bits = self.free[rows_columns(box)]
+        others = np.bitwise_count(bits & ~(1 << k))
+        part = ((bits >> k & 1) & (others > 0))[..., None]
+        weight = (part / np.maximum(others, 1)[..., None]).astype(np.float32)
+        light = plate.rgb + weight * (plate.rgb - image.rgb / np.float32(self.gain[k]))
+        return replace(plate, rgb=light, noise=plate.variance * (1 + weight))
+
+
+@dataclass(frozen=True, eq=False)
 class PlateFit(Displayed):
     """A plate made of frames.
 
@@ -63,6 +104,10 @@ class PlateFit(Displayed):
     coding_variance : (H, W, 3) float32, optional
         Of errors that a codec leaves in all frames alike, light²; None if not known. Frames of the clip
         do not differ from the plate by them, so that they are not in its variance; the scene does.
+    camera : CameraPath, optional
+        Of a camera that moves.
+    shares : FrameShares, optional
+        Of at most 31 frames of a camera at rest.
 
     Examples
     --------
@@ -78,6 +123,7 @@ class PlateFit(Displayed):
     gain: Floats
     coding_variance: Floats | None = None
     camera: CameraPath | None = None
+    shares: FrameShares | None = None
 
     def __repr__(self) -> str:
         return f"PlateFit({self.plate!r}, {len(self.gain)} frames)"
@@ -135,12 +181,12 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     return plate_on_canvas(frames, path)
 
 
-def plate_for_clip(frames: Iterable[LinearImage]) -> LinearImage:
-    """The plate of `make_plate`, in less memory: without the error that all frames share.
+def plate_for_clip(frames: Iterable[LinearImage]) -> PlateFit:
+    """As `make_plate`, in less memory: without the error that all frames share.
 
     Raises CameraMotionError or CutError if frames do not show one scene from one place.
     """
-    return _made(frames, against_scene=False).plate
+    return _made(frames, against_scene=False)
 
 
 def camera_path_after(frames: Sequence[LinearImage], error: PlateError) -> CameraPath:
@@ -177,7 +223,7 @@ def plate_on_canvas(
 ) -> PlateFit:
     """The plate of registered frames, of which so many are used at most."""
     fit = _made(FramesOnCanvas.of(frames, path, most), against_scene=False, registered=True)
-    return replace(fit, camera=path)
+    return replace(fit, camera=path, shares=None)
 
 
 def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> tuple[LinearImage, Bools]:
@@ -191,8 +237,8 @@ def plate_of_shots(image: LinearImage, shots: Sequence[LinearImage]) -> tuple[Li
     modes = find_modes(samples, restless, slice(0, image.size[1]))
     sums = sum_frames(shots, modes, len(shots), [np.ones(3)] * len(shots))
     file = _CodeError(shots[0].meta, None, samples.noise)
-    light, noise, _, _, _ = _estimates(sums, modes, file)
-    _, free, clipped, _, _, showing = np.moveaxis(sums.counts, -1, 0)
+    light, noise, *_ = _estimates(sums, modes, file)
+    _, free, clipped, _, _, showing, _ = np.moveaxis(sums.counts, -1, 0)
     alone = free < _MIN_FREE_FRAMES  # nothing is compared there
     noise[alone] = modes.variance[alone] / _FEW_SHOTS_INFLATION
     valid = (modes.near >= _MIN_FREE_FRAMES) & (free > 0) & (clipped == 0)
@@ -238,23 +284,26 @@ def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     shared = None if file.coding is None else np.empty_like(light)
     overlap = _CORRELATION_WINDOW_PX // 2 + RIM_PX + 1  # and what marks moving rims
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
+    bits = np.empty((height, width), np.int32)
     for inner in strips(height, max(_BAND_PIXELS // width, 1)):
         outer = slice(max(inner.start - overlap, 0), min(inner.stop + overlap, height))
         modes = find_modes(samples, restless, outer)
         sums = sum_frames(samples.light.bands(outer), modes, samples.count, gains)
         part = slice(inner.start - outer.start, inner.stop - outer.start)
         estimates = _estimates(sums, modes, file, outer.start)
-        for to, estimate in zip((light, noise, valid, coverage, shared), estimates, strict=True):
+        for to, estimate in zip(
+            (light, noise, valid, coverage, shared, bits), estimates, strict=True
+        ):
             if to is not None and estimate is not None:
                 to[inner] = estimate[part]
-    return _plate_fit((light, noise, valid, coverage, shared), gains)
+    return _plate_fit((light, noise, valid, coverage, shared, bits), gains)
 
 
-Estimates = tuple[Floats, Floats, Bools, Floats, Floats | None]
+Estimates = tuple[Floats, Floats, Bools, Floats, Floats | None, Ints32]
 
 
 def _plate_fit(estimates: Estimates, gains: Sequence[Floats]) -> PlateFit:
-    light, noise, valid, coverage, shared = estimates
+    light, noise, valid, coverage, shared, bits = estimates
     if not valid.any():
         raise PlateError(
             "no pixel of the background was found: none has the same unclipped light in enough "
@@ -262,7 +311,8 @@ def _plate_fit(estimates: Estimates, gains: Sequence[Floats]) -> PlateFit:
         )
     meta = Meta(source=f"plate of {len(gains)} frames")
     plate = LinearImage(light, noise, valid, meta)
-    return PlateFit(plate, coverage, np.array(gains), shared)
+    shares = FrameShares(bits, np.array(gains)) if len(gains) <= MAX_BITS else None
+    return PlateFit(plate, coverage, np.array(gains), shared, shares=shares)
 
 
 @dataclass(frozen=True)
@@ -276,8 +326,8 @@ class _CodeError:
 
 
 def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -> Estimates:
-    """Light, its variance, whether it is valid, coverage, and the variance that all frames share."""
-    _, free, clipped, close, rival, count = np.moveaxis(sums.counts, -1, 0)
+    """Light, its variance, whether it is valid, coverage, the variance that all frames share, bits."""
+    _, free, clipped, close, rival, count, bits = np.moveaxis(sums.counts, -1, 0)
     known = (free > _MAJORITY * count) | (rival <= _MAX_RIVAL_RATIO * close)
     known &= free >= np.maximum(_MIN_FREE_FRACTION * count, _MIN_FREE_FRAMES)
     valid = known & (clipped <= _MAX_CLIPPED_FRACTION * free)
@@ -299,7 +349,7 @@ def _estimates(sums: Sums, modes: Modes, file: _CodeError, first_row: int = 0) -
     with ThreadPoolExecutor(2) as pool:  # three at a time take more memory
         list(pool.map(channel, range(3)))
     coverage = np.where(known, free / np.maximum(count, 1), 0).astype(np.float32)
-    return rgb.astype(np.float32), noise, valid, coverage, shared
+    return rgb.astype(np.float32), noise, valid, coverage, shared, bits
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,6 +24,7 @@ _MAX_RESTLESSNESS = 25.0  # λ: five times the noise; beyond it, something moves
 _STRIP_ROWS = 8  # whose samples are in memory at a time
 _BATCHES = 8  # of consecutive frames, for the correlation of noise in time
 _MIN_MODE_FRACTION = 0.5  # of the largest `near`, at pixels that determine the gain
+MAX_BITS = 31  # frames of which a pixel knows whether they are free
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +130,9 @@ class Sums:
     batch_squares: Floats
     batch_products: Floats
     batch_counts: Floats  # (H, W) float32: Σ n²
-    # (H, W, 6) int32: free frames of the batch and of the clip; clipped ones of these, and ones
-    # very close to the mode; frames very close to the rival; frames that show the pixel
+    # (H, W, 7) int32: free frames of the batch and of the clip; clipped ones of these, and ones
+    # very close to the mode; frames very close to the rival; frames that show the pixel; a bit for
+    # each of the first `MAX_BITS` frames that is free
     counts: Ints32
     batch: Floats  # (H, W, 3) float32: S of the current batch
     gain: list[Floats]  # list of (3,) float: of each frame
@@ -142,7 +144,7 @@ class Sums:
             np.zeros(shape, np.float32) for _ in range(5)
         )
         batch_counts = np.zeros(shape[:2], np.float32)
-        counts = np.zeros((*shape[:2], 6), np.int32)
+        counts = np.zeros((*shape[:2], 7), np.int32)
         return cls(total, squares, batch_squares, products, batch_counts, counts, batch, [])
 
     def mean(self, modes: Modes) -> Floats:
@@ -210,7 +212,8 @@ def _add(
 ) -> None:
     """Add a frame at the pixels that agree with the mode and are not in the rim of a moving object."""
     gain, light = sums.gain[-1].astype(np.float32), np.asarray(frame.rgb, np.float32)
-    off = np.empty(frame.valid.shape, np.uint8)
+    off, number = np.empty(frame.valid.shape, np.uint8), len(sums.gain) - 1
+    bit = np.int32(1 << number if number < MAX_BITS else 0)
 
     def flat(rows: slice, *arrays: AnyArray) -> list[AnyArray]:
         """Rows of arrays, with one axis for all pixels."""
@@ -226,7 +229,7 @@ def _add(
         x, valid, *marks = flat(rows, light, frame.valid, off, near)
         of_modes = tuple(flat(rows, modes.light, precision, modes.rival))
         sums_of = flat(rows, sums.batch, sums.squares, sums.counts)
-        kernel.gather(x, gain, valid, of_modes, *marks, *sums_of)
+        kernel.gather(x, gain, valid, of_modes, *marks, bit, *sums_of)
 
     edges = np.linspace(0, len(off), (cpu_count() or 1) + 1).astype(int)
     strips = [slice(a, b) for a, b in pairwise(edges)]

@@ -168,12 +168,13 @@ def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=FAST_MATH)
-def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # type: ignore[no-untyped-def]
+def gather(light, gain, usable, modes, off, near, bit, sums, squares, counts):  # type: ignore[no-untyped-def]
     """Add a frame at its free pixels: those of the mode, outside rims.
 
     modes is (mode, precision, rival), (n, 3) each. sums and squares are (n, 3): of x − m, over a
-    batch of frames and over all. counts is (n, 6): free frames of the batch and of the clip;
-    clipped ones of these and ones close to the mode; frames close to the rival; frames that show it.
+    batch of frames and over all. counts is (n, 7): free frames of the batch and of the clip;
+    clipped ones of these and ones close to the mode; frames close to the rival; frames that show it;
+    the bits of the free frames.
     """
     mode, precision, rival = modes
     g, h, k = ONE / gain[0], ONE / gain[1], ONE / gain[2]
@@ -199,6 +200,7 @@ def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # typ
         counts[i, 0] += 1
         counts[i, 1] += 1
         counts[i, 2] += not usable[i]
+        counts[i, 6] |= bit
         counts[i, 3] += d0 * precision[i, 0] + d1 * precision[i, 1] + d2 * precision[i, 2] <= _CLOSE
 
 

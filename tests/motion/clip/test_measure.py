@@ -194,6 +194,24 @@ def test_errors_of_fall_match_scatter():
     assert np.mean(chi2) == pytest.approx(1, abs=0.1)
 
 
+@pytest.mark.battery
+def test_errors_of_three_frames_match_scatter():
+    """Honest: each frame is a third of the plate."""
+    z = []
+    for seed in range(6):
+        rng = np.random.default_rng(seed)
+        plate = colorful_plate(SIZE, seed, tile=24)
+        velocity, radius = rng.uniform((38, -8), (46, 8)), rng.uniform(7, 11)
+        ends = [np.array([26.0, 60]) + velocity * (k + np.array([[0], [OPEN]])) for k in range(3)]
+        lights = [on_line(plate, *two, Ball(radius, color=COLOR)).image.rgb for two in ends]
+        rows = measure_clip([CAMERA.photograph(light, rng) for light in lights])
+        for motion in (row.sighting.motion for row in rows):
+            z.append((motion.length - OPEN * np.hypot(*velocity)) / motion.length_std)
+    assert len(z) == 18
+    assert abs(np.mean(z)) < 0.6
+    assert 0.5 < np.std(z) < 1.4
+
+
 @pytest.mark.parametrize("color", [COLOR, (0.02, 0.03, 0.02)], ids=["bright", "dark"])
 def test_balls_of_gray_frames_are_measured(color):
     """oracle: one channel; before a textured plate a black ball is no shadow."""

@@ -208,7 +208,7 @@ class _Voter:
         (frame,) = coded_frames(frames, slice(None))
         scene = self.scene.at(frames, frame, index)
         found = list[tuple[Part, Streak]]()
-        for part in scene.parts(frame, scene.boxes(frames, frame, index)):
+        for part in scene.parts(frame, index, scene.boxes(frames, frame, index)):
             with suppress(BlurmatteError):
                 found += [(part, streak) for streak in find_streaks(*part)]
         found.sort(key=lambda one: -one[1].evidence)

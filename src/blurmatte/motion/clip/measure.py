@@ -176,7 +176,7 @@ class Detector:
             return replace(empty, reason=str(error))
         own = replace(self, scene=scene)
         boxes = scene.boxes(frames, frame, index)
-        return own._detected(empty, list(scene.parts(frame, boxes)))
+        return own._detected(empty, list(scene.parts(frame, index, boxes)))
 
     def _detected(self, empty: FrameSightings, parts: Sequence[Part]) -> FrameSightings:
         streaks = self._streaks(parts)

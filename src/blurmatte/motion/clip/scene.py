@@ -12,7 +12,13 @@ import numpy as np
 
 from blurmatte.background.camera_motion import CameraMotionError, looks_alike
 from blurmatte.background.parallax import camera_path
-from blurmatte.background.plate import camera_path_after, plate_for_clip, plate_on_canvas
+from blurmatte.background.plate import (
+    FrameShares,
+    PlateFit,
+    camera_path_after,
+    plate_for_clip,
+    plate_on_canvas,
+)
 from blurmatte.background.registration import CameraPath
 from blurmatte.background.samples import CutError, max_coded_samples
 from blurmatte.calibration import with_noise
@@ -66,6 +72,8 @@ class StaticScene:
         Of the object, in the colors of the frames; any as long as it is not known.
     color : MatchedFilter, optional
         For its light, if it is of one paint.
+    shares : FrameShares, optional
+        Of the frames in the plate, if they are few: a part has the plate of the others.
     """
 
     plate: LinearImage
@@ -77,6 +85,7 @@ class StaticScene:
     camera: CameraPath | None = None
     model: ColorModel = field(default_factory=ColorModel.any)
     color: MatchedFilter | None = None
+    shares: FrameShares | None = None
 
     @classmethod
     def of(
@@ -130,12 +139,17 @@ class StaticScene:
         gate = self.gate or _gate(frames, frame, self.plate, self.hidden)
         return gate.changes(frame)
 
-    def parts(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Part]:
-        """Image and plate in boxes of a frame, noise known; `box_in_frame` is the place of a part."""
+    def parts(self, frame: CodedFrame, index: int, boxes: Sequence[Box]) -> Iterator[Part]:
+        """Image and plate in boxes of the frame with this index, noise known.
+
+        `box_in_frame` is the place of a part.
+        """
         gain = gain_of(thinned(self.plate), frame.light(every=GAIN_EVERY)) if boxes else None
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
             image = self.with_noise(image, box)
+            if self.shares is not None:
+                plate = self.shares.without(index, image, plate, box)
             yield image, plate if gain is None else times_gain(plate, gain)
 
     def streaks(self, part: Part) -> list[Streak]:
@@ -245,21 +259,21 @@ def times_gain(plate: LinearImage, gain: Array) -> LinearImage:
     return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))
 
 
-def clip_plate(frames: Sequence[LinearImage]) -> tuple[LinearImage, CameraPath | None]:
-    """The plate of a clip, from frames all over it, and the path of its camera if that moves."""
+def clip_plate(frames: Sequence[LinearImage]) -> PlateFit:
+    """The plate of a clip, from frames all over it, with the path of its camera if that moves."""
     most = PLATE_FRAMES
     if len(frames):
         first = next(coded_frames(frames, slice(0, 1)))
         if first.light_bytes:
             most = min(most, max_coded_samples(math.prod(first.size), first.light_bytes))
-    camera = None
+    every = -(-len(frames) // most) or 1
     try:
-        plate = plate_for_clip(frames[:: -(-len(frames) // most) or 1])
+        fit = plate_for_clip(frames[::every])
+        fit = fit if every == 1 else replace(fit, shares=None)  # bits are those of the frames used
     except (CameraMotionError, CutError) as error:
-        camera = camera_path_after(frames, error)
-        plate = plate_on_canvas(frames, camera, most).plate
+        fit = plate_on_canvas(frames, camera_path_after(frames, error), most)
     trim_memory()  # of the frames
-    return plate, camera
+    return fit
 
 
 def path_before(plate: LinearImage, frames: Sequence[LinearImage]) -> CameraPath | None:

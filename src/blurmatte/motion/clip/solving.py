@@ -123,8 +123,9 @@ class FrameSolver:
             If the object cannot be separated.
         """
         if row.sighting is None:
-            moved = enclosing(self.scene.surveyed[self.index_of[row.frame]])
-            (part,) = self.scene.parts(frame, [moved])
+            index = self.index_of[row.frame]
+            moved = enclosing(self.scene.surveyed[index])
+            (part,) = self.scene.parts(frame, index, [moved])
             of_any_color = replace(self.scene, model=ColorModel.any())
             return part, replace(self, scene=of_any_color)._solution(part, None, None, None)
         part, streak, start, prior = self._prepared(frame, row)
@@ -151,7 +152,7 @@ class FrameSolver:
         """The part around the object; streak, start of the fit and prior in it."""
         sighting, prior = row.sighting, row.prior
         assert sighting is not None
-        (part,) = self.scene.parts(frame, [sighting.box])
+        (part,) = self.scene.parts(frame, self.index_of[row.frame], [sighting.box])
         if prior is not None:
             prior = prior.shifted(-np.array(sighting.box[:2], float))
         start = _start(sighting, self.scene.model, prior)

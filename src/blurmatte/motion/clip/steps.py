@@ -219,15 +219,17 @@ def measured(clip: ClipInputs, workers: Workers) -> Iterator[FrameSightings | Cl
     frames, plate, model, seen = clip.frames, clip.plate, clip.model, list(clip.finished)
     if plate is None:
         LOG.info("making the plate")
-        plate, camera = clip_plate(frames)
+        made = clip_plate(frames)
+        plate, camera, shares = made.plate, made.camera, made.shares
     else:
-        camera = path_before(plate, frames)
+        camera, shares = path_before(plate, frames), None
     if clip.written is not None and len(seen) == len(frames):
         rows = clip.linked(seen, camera)
         if all(row.place in clip.written for row in rows_to_solve(rows, model is None)):
             yield ClipMeasured(clip, plate, rows, camera=camera)
             return
     scene = scene_of(frames, plate, model or ColorModel.any(), clip.hidden, clip.rate, camera)
+    scene = replace(scene, shares=shares)
     if model is None:
         LOG.info("finding the color")
         scene = survey(frames, scene, workers)
