@@ -249,12 +249,18 @@ def without_shape(solution):
     return replace(solution, solver="Smooth()", stats=stats)
 
 
-def test_quality_of_fit_is_stated(solution):
-    said = explain(replace(solution(sweep=disc_on_arc()), solver="Swept()"))
-    assert (
-        "A disc of radius 18.00 ± 0.03 px on an arc of 177 px explains the streak; residuals in it "
-        "are correlated 1.1 times as much as noise." in said
-    )
+@pytest.mark.parametrize(
+    ("excess", "words"),
+    [
+        (1.13, "correlated 1.1 times as much as noise."),
+        (1e-6, "no more correlated than noise."),
+    ],
+)
+def test_quality_of_fit_is_stated(solution, excess, words):
+    disc = disc_on_arc(diagnostics=Diagnostics(residual_excess=excess))
+    said = explain(replace(solution(sweep=disc), solver="Swept()"))
+    shape = "A disc of radius 18.00 ± 0.03 px on an arc of 177 px"
+    assert f"{shape} explains the streak; residuals in it are {words}" in said
 
 
 @pytest.mark.parametrize("rank", [1, 3])
@@ -346,6 +352,7 @@ def test_kind_of_the_shape_is_stated(solution, silhouette, is_disc, words):
         ),
         (0.7, 0.25, "Which part of the light behind it it hides is uncertain (0.70 ± 0.25)"),
         (0.0, 0.05, "It only adds light (opacity 0.000 ± 0.050): alpha of its layer is 0"),
+        (0.0, 0.58, "It only adds light: alpha of its layer is 0"),
     ],
 )
 def test_how_much_light_an_object_hides_is_stated_unless_it_is_solid(solution, opacity, std, words):

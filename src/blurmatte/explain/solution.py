@@ -109,9 +109,10 @@ def _opacity(sweep: SweepSummary, reasons: Sequence[str]) -> list[str]:
     opacity, known = sweep.opacity, with_error(sweep.opacity, sweep.opacity_std)
     decide = "A plate with texture or a given color would decide."
     if opacity == 0:
+        of = f" (opacity {known})" if sweep.opacity_std <= _MAX_KNOWN_STD else ""
         return [
-            f"It only adds light (opacity {known}): alpha of its layer is 0, and the light is added to "
-            "what is behind."
+            f"It only adds light{of}: alpha of its layer is 0, and the light is added to what is "
+            "behind."
         ]
     if opacity == 1 and "opacity" in reasons:
         return [
@@ -143,10 +144,8 @@ def _explained(sweep: SweepSummary, solution: Solution) -> list[str]:
     if solution.sweep is not None and solution.sweep.rejection:
         return [f"{shape} explains the streak only in part: the fit {solution.sweep.rejection}."]
     excess = sweep.diagnostics.residual_excess
-    said = [
-        f"{shape} explains the streak; residuals in it are correlated {excess:.2g} times as much as "
-        "noise."
-    ]
+    more = f"correlated {excess:.2g} times as much as" if excess > 1 else "no more correlated than"
+    said = [f"{shape} explains the streak; residuals in it are {more} noise."]
     if solution.model.rank == 3:
         said.append("Of any colors, shape and motion alone determine alpha.")
     return said
