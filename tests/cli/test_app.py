@@ -7,12 +7,14 @@ import sys
 
 import numpy as np
 import pytest
+import tifffile
 from tests.commands import commands, runner
 from tests.scenes import BALL, ball_in, rendered
 
 import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.console import STAGES, ExitCode, in_options
+from blurmatte.cli.selection import Reading
 from blurmatte.files.png import png_chunks, save_chunks
 from blurmatte.radiometry.transfer import log_curve
 
@@ -274,3 +276,13 @@ assert ours == {"cli", "errors", "formats", "interrupts"}, ours
 """
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
+
+
+@pytest.mark.parametrize(("white", "said"), [(1.0, 0), (255.0, 1)])
+def test_floats_of_which_most_are_above_white_are_warned_of(tmp_path, white, said):
+    light = white * np.random.default_rng(0).uniform(0, 1, (20, 30, 3)).astype(np.float32)
+    path, notes = tmp_path / "a.tif", []
+    tifffile.imwrite(path, light, photometric="rgb")
+    Reading().read(path, notes)
+    assert len(notes) == said
+    assert all("above that of white, 1" in note and str(path) in note for note in notes)

@@ -70,6 +70,11 @@ class Reading:
         """The picture; its warnings are also added to `said`."""
         with about(path) as notes:
             picture = bm.read(path, self.curve_of(path), self.max_pixels)
+            if (picture.rgb > 1).mean() > 0.5:
+                bm.errors.warn(
+                    "more than half of its light is above that of white, 1, and surfaces are taken to "
+                    "be no brighter; divide it by white, or code values by the largest one"
+                )
         noise = self.camera_noise
         if noise is not None and picture.noise is None:
             picture = picture.with_noise(noise)
