@@ -94,7 +94,7 @@ def measure_motion(solution: Solution) -> Motion:
     TypeError
         If it is something else.
     MotionError
-        If there is no streak, or the sum of alpha is not above its error.
+        If there is no streak, or the sum of alpha is less than three times its error.
 
     Examples
     --------
@@ -261,7 +261,7 @@ def _leaves_picture(sweep: Sweep, t: Array) -> bool:
 def motion_of_alpha(solution: Solution) -> Motion:
     """Motion from sum, mean and covariance of alpha.
 
-    Raises MotionError if the sum of alpha is not above its error.
+    Raises MotionError if the sum of alpha is less than three times its error.
     """
     use = solution.streak & solution.known
     alpha = np.asarray(solution.alpha, float)
@@ -299,7 +299,7 @@ def motion_of_added_light(
     Raises
     ------
     MotionError
-        If the sum of the light is not above its error.
+        If the sum of the light is less than three times its error.
     """
     known = image.valid & plate.valid
     use = streak & known
@@ -400,8 +400,9 @@ def _moments(weights: _Weights, sums_to: str, scale: float = 0.0) -> tuple[Array
     std = float(np.hypot(np.sqrt(weights.variance.sum()), total * scale))
     if not total > _MIN_SUM_STD * std:
         raise MotionError(
-            f"{sums_to.format(f'{total:.1f} ± {std:.1f}')}, which is not above its error: no motion "
-            "can be measured; choose the object with a region, or give its color, and solve again"
+            f"{sums_to.format(f'{total:.1f} ± {std:.1f}')}, which is less than {_MIN_SUM_STD:g} times "
+            "its error: no motion can be measured; choose the object with a region, or give its color, "
+            "and solve again"
         )
     middle = weight @ x / total, weight @ y / total
     dx, dy = x - middle[0], y - middle[1]
