@@ -20,6 +20,7 @@ from blurmatte.motion import (
     sightings,
 )
 from blurmatte.motion.clip.color import seen_color
+from blurmatte.motion.clip.scene import clip_plate
 from blurmatte.motion.clip.steps import measure_clip
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, LinearImage, decode, light_of_hex
@@ -192,6 +193,21 @@ def test_errors_of_fall_match_scatter():
     assert np.std(z) == pytest.approx(1, abs=0.12)
     assert abs(np.mean(z)) < 0.15
     assert np.mean(chi2) == pytest.approx(1, abs=0.1)
+
+
+class Damaged(list):
+    """Frames of which the second cannot be decoded: it is left out where they are read in a row."""
+
+    def __getitem__(self, which):
+        found = super().__getitem__(which)
+        return found[:1] + found[2:] if isinstance(which, slice) else found
+
+
+def test_frames_keep_their_plate_where_one_cannot_be_decoded(clip):
+    """Exact: frames are not taken out of a plate by the numbers of others."""
+    frames, _ = clip
+    assert clip_plate(frames).shares is not None
+    assert clip_plate(Damaged(frames)).shares is None
 
 
 @pytest.mark.battery

@@ -269,7 +269,8 @@ def clip_plate(frames: Sequence[LinearImage]) -> PlateFit:
     every = -(-len(frames) // most) or 1
     try:
         fit = plate_for_clip(frames[::every])
-        fit = fit if every == 1 else replace(fit, shares=None)  # bits are those of the frames used
+        if len(fit.gain) < len(frames):  # bits would be those of other frames
+            fit = replace(fit, shares=None)
     except (CameraMotionError, CutError) as error:
         fit = plate_on_canvas(frames, camera_path_after(frames, error), most)
     trim_memory()  # of the frames
