@@ -67,7 +67,8 @@ class FrameShares:
         """The plate in a box, as the other frames show it.
 
         Where the object is fainter than the noise, frame k is part of the mean: the object is in the
-        plate, and the errors of both are correlated. With n free frames and the light x of one,
+        plate, and the errors of both are correlated. B is the mean of n frames; with the light x of
+        frame k over its gain, the mean B' of the others is
 
             B' = B + (B − x) / (n − 1),   Var B' = Var B · n / (n − 1).
 

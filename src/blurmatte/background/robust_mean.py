@@ -24,7 +24,7 @@ _MAX_RESTLESSNESS = 25.0  # λ: five times the noise; beyond it, something moves
 _STRIP_ROWS = 8  # whose samples are in memory at a time
 _BATCHES = 8  # of consecutive frames, for the correlation of noise in time
 _MIN_MODE_FRACTION = 0.5  # of the largest `near`, at pixels that determine the gain
-MAX_BITS = 31  # frames of which a pixel knows whether they are free
+MAX_BITS = 31  # of an int32 without its sign: frames of which a pixel knows whether they are free
 
 
 @dataclass(frozen=True, eq=False)
