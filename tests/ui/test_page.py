@@ -359,6 +359,23 @@ def test_a_picture_that_cannot_be_read_is_asked_for_once(browser, address):
     assert len(described) == len(set(described)) > 0
 
 
+def test_a_reason_stays_while_the_page_reads_other_files(browser, address, solved):
+    page = opened(browser, address)
+    page.get_by_label("Picture or clip").set_input_files(
+        {"name": "cut.png", "mimeType": "image/png", "buffer": b"\x89PNG\r\n\x1a\n"}
+    )
+    page.get_by_text("cut.png: ").first.wait_for()
+    page.evaluate(
+        """async () => {
+          const { describe, store } = await import("/page/store.js");
+          const other = store.server.files.find((one) => one.name === "image.png");
+          store.facts.delete(`file=${other.number}`);
+          await describe({ file: other.number });
+        }"""
+    )
+    assert "cut.png: " in page.evaluate("import('/page/store.js').then((page) => page.store.error)")
+
+
 def test_nothing_was_asked_of_other_hosts_and_no_script_failed(solved):
     assert solved.foreign == []
     assert solved.faults == []

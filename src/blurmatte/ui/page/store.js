@@ -90,12 +90,13 @@ export function change(part = {}) {
   });
 }
 
-/** Do something that may be refused; the reason is shown.
- * @template T @param {() => Promise<T>} what @returns {Promise<T | null>} */
-export async function trying(what) {
+/** Do something that may be refused; the reason is shown, until something else that was asked for is done.
+ * @template T @param {() => Promise<T>} what @param {boolean} wasAsked  not by the page itself
+ * @returns {Promise<T | null>} */
+export async function trying(what, wasAsked = true) {
   try {
     const done = await what();
-    if (store.error) change({ error: "" });
+    if (store.error && wasAsked) change({ error: "" });
     return done;
   } catch (error) {
     change({ error: /** @type {Error} */ (error).message });
@@ -133,7 +134,7 @@ function hear(state) {
 /** @param {any} job @param {boolean} isNew  it ended now; else the page was loaded again, and stays as it was */
 async function fetchAnswer(job, isNew) {
   store.answers.set(job.number, null);
-  const whole = await trying(async () => (await ask(`/api/jobs/${job.number}`)).json());
+  const whole = await trying(async () => (await ask(`/api/jobs/${job.number}`)).json(), false);
   if (!whole) return;
   store.answers.set(job.number, whole.answer);
   if (!isNew) change();
@@ -227,7 +228,7 @@ export async function describe(source) {
   const key = named(source);
   if (store.facts.has(key)) return store.facts.get(key);
   store.facts.set(key, null);
-  const found = await trying(async () => (await look("describe", source)).json());
+  const found = await trying(async () => (await look("describe", source)).json(), false);
   store.facts.set(key, found); // null if it was refused: asked again, it would be refused with each drawing
   change();
   return found;
