@@ -2,8 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,12 +11,13 @@ from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     Hypotheses,
+    hypothesis_scores,
     hypothesis_weights,
     is_decisively_likelier,
 )
 from blurmatte.sweep.candidates import Candidates, FitRequest
 from blurmatte.sweep.fit.multistart import half_width_of
-from blurmatte.sweep.hypotheses import Disc, Fits, Hypothesis, is_explained
+from blurmatte.sweep.hypotheses import Disc, Fits, is_explained
 from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.observation import Observation
 
@@ -42,85 +42,96 @@ def in_likelier_light(candidates: Candidates, request: FitRequest) -> Candidates
         return candidates
     if request.limit.is_over:
         return replace(candidates, untried=(*candidates.untried, "other light on the plate"))
-    observation = found.observation.raised(1 / found.observation.noise_inflation)
+    observation = _of_measured_noise(found)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
-    before = found.best_evidence(observation)
-    rivals = [(before, candidates)]
+    lights = []
     for is_gray in (True, False):
         lit = _lighting_of(request.image, found.plate, found.streak, outside, is_gray)
         if lit is not None:
-            rivals += _in_light(found, observation, *lit, request)
-    best, others = rivals[int(np.argmax(hypothesis_weights([one for one, _ in rivals])))]
-    return others if is_decisively_likelier(best, before) else candidates
+            lights += _with_discs(found, *lit, request)
+    # That light holds the shadow of the object.
+    shapes = [one for one in request.hypotheses if not one.changes_plate]
+    for light in _likeliest_first(lights):
+        others = replace(request, hypotheses=shapes).candidates(light.begun)
+        evidence = _evidence_for(light.lighting, others, observation)
+        if math.isfinite(evidence.cost):
+            before = found.best_evidence(observation)
+            return others if is_decisively_likelier(evidence, before) else candidates
+    return candidates
 
 
-def _in_light(
-    found: Hypotheses,
-    observation: Observation,
-    lighting: Lighting,
-    rest: Streak,
-    request: FitRequest,
-) -> list[tuple[Evidence, Candidates]]:
-    """Candidates before the plate in a light, and their evidence with that light; none if impossible.
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """A light on the plate, and the solid discs in it."""
 
-    found: before the plate as it is, in the observation.
+    lighting: Lighting
+    begun: Fits  # from which all shapes are fitted
+    discs: Candidates
+    evidence: Evidence  # for the discs and the light; its cost is infinite if they are impossible
+
+    @classmethod
+    def of(
+        cls, lighting: Lighting, rest: Streak, found: Hypotheses, request: FitRequest
+    ) -> "_Light":
+        """With the discs of a whole search in the streak in that light."""
+        begun = request.begun(lighting.on(found.plate), rest)
+        discs = Candidates.of(begun, (Disc(),), request.limit)
+        observation = _of_measured_noise(found)
+        return cls(lighting, begun, discs, _evidence_for(lighting, discs, observation))
+
+
+def _evidence_for(lighting: Lighting, candidates: Candidates, observation: Observation) -> Evidence:
+    """The evidence for a light and candidates in it; its cost is infinite if they are impossible."""
+    fitted = candidates.as_fitted
+    evidence = fitted.best_evidence(lighting.lit(observation))
+    is_possible = lighting.is_possible(fitted.best.alpha)
+    return replace(evidence, cost=evidence.cost + lighting.cost if is_possible else math.inf)
+
+
+def _of_measured_noise(found: Hypotheses) -> Observation:
+    """The observation of hypotheses with the noise that was measured."""
+    return found.observation.raised(1 / found.observation.noise_inflation)
+
+
+def _likeliest_first(lights: Sequence[_Light]) -> Sequence[_Light]:
+    """Lights, that of the likeliest possible discs first, so that other shapes need only this one."""
+    possible = [one for one in lights if math.isfinite(one.evidence.cost)]
+    if not possible:
+        return lights
+    scores = hypothesis_scores([one.evidence for one in possible])
+    first = possible[int(np.argmin(scores))]
+    return [first, *(one for one in lights if one is not first)]
+
+
+def _with_discs(
+    found: Hypotheses, lighting: Lighting, rest: Streak, request: FitRequest
+) -> list[_Light]:
+    """A light, or that around the disc in it, if this is likelier; none if a known disc denies it.
+
+    The first estimate of the light knows no object, and may be darker where that is.
+
+    found: before the plate as it is.
     rest: the streak in that light.
     """
+    observation = _of_measured_noise(found)
     if found.observation.is_known_disc:
         lit = found.best_evidence(lighting.lit(observation))
         both = [found.best_evidence(observation), replace(lit, cost=lit.cost + lighting.cost)]
         if hypothesis_weights(both)[1] < 0.5:
             return []
-    begun = request.begun(lighting.on(found.plate), rest)
-    if found.observation.prior is None:  # else its first estimate was around the object
-        lighting, begun = _light_around(found, observation, lighting, begun, request)
-    # That light holds the shadow of the object.
-    shapes = [one for one in request.hypotheses if not one.changes_plate]
-    evidence, others = _fitted_in(lighting, begun, observation, request, shapes)
-    return [] if math.isinf(evidence.cost) else [(evidence, others)]
-
-
-def _light_around(
-    found: Hypotheses,
-    observation: Observation,
-    lighting: Lighting,
-    begun: Fits,
-    request: FitRequest,
-) -> tuple[Lighting, Fits]:
-    """The light estimated again without the pixels of a disc, if it is likelier; the discs in it.
-
-    The first estimate knows no object, and may be darker where that is.
-
-    begun: the discs in the first estimate.
-    """
-    fit = partial(_fitted_in, observation=observation, request=request, shapes=(Disc(),))
-    before, disc = fit(lighting, begun)
-    outside = disc.as_fitted.outside_of_best(observation)
-    grain = observation.grain * half_width_of(begun.streak) / half_width_of(found.streak)
+    light = _Light.of(lighting, rest, found, request)
+    if found.observation.prior is not None:  # the first estimate was around the object
+        return [light]
+    outside = light.discs.as_fitted.outside_of_best(observation)
+    grain = observation.grain * half_width_of(rest) / half_width_of(found.streak)
     around = fit_lighting(replace(outside, grain=grain), not lighting.is_colored)
-    plate = around.on(found.plate)
-    rest = _streak_within(found.streak, request.image, plate)
-    if rest is None:
-        return lighting, begun
-    again = request.begun(plate, rest)
-    if math.isfinite(before.cost) and not is_decisively_likelier(fit(around, again)[0], before):
-        return lighting, begun
-    return around, again
-
-
-def _fitted_in(
-    lighting: Lighting,
-    begun: Fits,
-    observation: Observation,
-    request: FitRequest,
-    shapes: Sequence[Hypothesis],
-) -> tuple[Evidence, Candidates]:
-    """Shapes in a light, and the evidence for both; its cost is infinite if they are impossible."""
-    others = replace(request, hypotheses=shapes).candidates(begun)
-    fitted = others.as_fitted
-    evidence = fitted.best_evidence(lighting.lit(observation))
-    cost = evidence.cost + lighting.cost if lighting.is_possible(fitted.best.alpha) else math.inf
-    return replace(evidence, cost=cost), others
+    smaller = _streak_within(found.streak, request.image, around.on(found.plate))
+    if smaller is None:
+        return [light]
+    again = _Light.of(around, smaller, found, request)
+    possible = math.isfinite(light.evidence.cost)
+    is_better = not possible or is_decisively_likelier(again.evidence, light.evidence)
+    return [again if is_better else light]
 
 
 def _lighting_of(
@@ -134,7 +145,7 @@ def _lighting_of(
     if lighting.change.min() > -_MIN_LOSS or not (is_gray or lighting.is_colored):
         return None
     rest = _streak_within(streak, image, lighting.on(plate))
-    if rest is None:
+    if rest is None or rest.mask.sum() > _MAX_REMAINING_FRACTION * streak.mask.sum():
         return None
     width = half_width_of(rest)
     finer = replace(observation, grain=observation.grain * width / half_width_of(streak))

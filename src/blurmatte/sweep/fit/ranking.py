@@ -6,6 +6,7 @@ information: costs are divided by the variance inflation of the state of the lea
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -85,6 +86,16 @@ def bic_penalty(observation: Observation, parameters: int) -> float:
 
 def rejection(state: State) -> str:
     """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
+    if state not in _REJECTIONS:
+        _REJECTIONS[state] = _rejection(state)
+    return _REJECTIONS[state]
+
+
+# Of states that exist: each is compared several times
+_REJECTIONS: WeakKeyDictionary[State, str] = WeakKeyDictionary()
+
+
+def _rejection(state: State) -> str:
     light = state.mean_color
     if light.min() < MIN_LIGHT * light.max():
         return NEGATIVE_LIGHT
