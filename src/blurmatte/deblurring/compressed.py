@@ -45,7 +45,7 @@ from blurmatte.deblurring.priors import Bound, Differences, GaussianFit, traces
 from blurmatte.deblurring.refine import SAMPLES, ExplainedViews
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 from blurmatte.radiometry.compression import BLOCK
-from blurmatte.sweep.model.chroma_subsampling import codes_before
+from blurmatte.sweep.model.chroma_subsampling import codes_before, light_after
 
 _ROUNDS = 3, 2  # of the strengths, of the prior of edges
 _TOLERANCE = 0.02  # of the residual of conjugate gradients, relative
@@ -221,8 +221,9 @@ def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float
 def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _ViewData:
     z, shape, (A, alpha) = stored.coefficients, (*view.pixels.shape, 3), blur
     transposed, own, part = A.T, A @ color, alpha.reshape(shape[:2])
+    plates = view.B, light_after(view.B, z.seen, stored.transfer)
     before, predicted = codes_before(
-        stored.codes, view.B, part, own.reshape(shape), z.seen, stored.transfer
+        stored.codes, plates, part, own.reshape(shape), z.seen, stored.transfer
     )
     r = z.stored(np.where(view.valid[..., None], 255 * (before - predicted), 0))
     light = own + view.through(alpha)

@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import compress
 
 import numpy as np
 
@@ -131,13 +132,14 @@ class Candidates:
         """
         search, image = self.fits.search, self.fits.image
         probable = hypothesis_probabilities(self.evidence) > _MIN_REFINED_WEIGHT
+        before = {
+            one.state: _before_file(one, image) for one in compress(self.candidates, probable)
+        }
         compared = [
-            _refined(candidate, known, image, search)
-            if is_probable
-            else (sweep_of(candidate, image), known)
-            for candidate, known, is_probable in zip(
-                self.candidates, self.evidence, probable, strict=True
-            )
+            _refined(one, before[one.state], known, image, search)
+            if one.state in before
+            else (sweep_of(one, image), known)
+            for one, known in zip(self.candidates, self.evidence, strict=True)
         ]
         sweeps, evidences, fitted = self._sorted(compared)
         untried = self.untried
@@ -147,7 +149,9 @@ class Candidates:
             else:
                 _LOG.info("fitting a disc with a pattern")
                 errors = fitted[0].opacity_std, fitted[0].even_opacity_std  # of all solid shapes
-                pattern, evidence = _with_pattern(self.fits.disc, search, image)
+                disc = Candidate(self.fits.disc)
+                corrected = before.get(disc.state) or _before_file(disc, image)
+                pattern, evidence = _with_pattern(disc, corrected, search)
                 pattern = replace(pattern, opacity_std=errors[0], even_opacity_std=errors[1])
                 compared.append((sweep_of(pattern, image), evidence))
                 more = replace(self, candidates=[*self.candidates, pattern])
@@ -312,21 +316,28 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     return replace(evidence, cost=evidence.cost + added - candidate.unresolved)
 
 
+def _before_file(candidate: Candidate, image: LinearImage) -> Candidate:
+    """A candidate in the light before its file; one with a pattern as it is."""
+    if candidate.covariance is not None:
+        return candidate
+    transfer = image.meta.transfer or SRGB
+    return candidate_before_file(candidate.state, transfer, candidate.cast)
+
+
 def _refined(
     candidate: Candidate,
+    corrected: Candidate,
     evidence: Evidence,
     image: LinearImage,
     search: Multistart,
 ) -> tuple[Sweep, Evidence]:
-    """The sweep of a candidate corrected for its file, and fitted to hue if of one paint; its evidence.
+    """The sweep of a candidate corrected for its file and fitted to hue if of one paint; its evidence.
 
     If the fit to hue is likelier than the candidate with all of its light, the candidate had not
     reached the maximum of its likelihood: colors and evidence are then those of the fit to hue.
     """
     if candidate.covariance is not None:
         return sweep_of(candidate, image), evidence
-    transfer = image.meta.transfer or SRGB
-    corrected = candidate_before_file(candidate.state, transfer, candidate.cast)
     errors = candidate.opacity_std, candidate.even_opacity_std
     candidate = replace(corrected, opacity_std=errors[0], even_opacity_std=errors[1])
     sweep = sweep_of(candidate, image)
@@ -346,17 +357,16 @@ def _refined(
 
 
 def _with_pattern(
-    disc: State, search: Multistart, image: LinearImage
+    disc: Candidate, corrected: Candidate, search: Multistart
 ) -> tuple[Candidate, Evidence]:
     """A disc with a pattern, and the evidence for it.
 
     It is fitted to the light without what the file did to that of the disc, which it would imitate.
     Its evidence differs from that of the disc by as much as in this light.
     """
-    corrected = candidate_before_file(disc, image.meta.transfer or SRGB)
     pattern = fit_patterns(corrected.state, search.bounds)[-1]
     before, after = (_evidence(corrected.state.observation, one) for one in (corrected, pattern))
-    known = _evidence(search.observation, Candidate(disc))
+    known = _evidence(search.observation, disc)
     evidence = replace(after, cost=known.cost + after.cost - before.cost)
     return replace(pattern, chroma_blur=corrected.chroma_blur), evidence
 

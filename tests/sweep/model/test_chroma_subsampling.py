@@ -16,6 +16,7 @@ from blurmatte.sweep.model.chroma_subsampling import (
     ChromaBlur,
     file_of,
     image_before,
+    light_after,
     light_before,
     light_of_colors,
 )
@@ -36,6 +37,11 @@ def through_a_file(light, transfer):
     return transfer.decode(luma + gaussian_filter(codes - luma, (BLUR, BLUR, 0)))
 
 
+def before_file(seen, plate, alpha, own, file, transfer):
+    plates = plate, light_after(plate, file.seen, transfer)
+    return light_before(seen, plates, alpha, own, file, transfer)
+
+
 @cache
 def rendered_before(plate_name):
     plate = {"even": EVEN, "wall": WALL, "tiles": TILES}[plate_name]
@@ -54,7 +60,7 @@ def test_the_blur_of_chroma_is_inverted(transfer):
     light, alpha, own = truth.image.rgb, truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(light, transfer)
     assert np.abs(seen - light).max() > 0.02
-    back = light_before(seen, truth.plate.rgb, alpha, own, ChromaBlur(BLUR), transfer)
+    back = before_file(seen, truth.plate.rgb, alpha, own, ChromaBlur(BLUR), transfer)
     assert_allclose(back, light, atol=1e-5)
 
 
@@ -63,7 +69,7 @@ def test_most_of_the_blur_is_inverted_before_tiles():
     truth = rendered_before("tiles")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen, plate = (through_a_file(x.rgb, SRGB) for x in (truth.image, truth.plate))
-    back = light_before(seen, plate, alpha, own, ChromaBlur(BLUR), SRGB)
+    back = before_file(seen, plate, alpha, own, ChromaBlur(BLUR), SRGB)
     before, after = (
         ((x - (1 - alpha)[..., None] * plate)[alpha > 0]) @ across(truth) for x in (seen, back)
     )
@@ -73,10 +79,10 @@ def test_most_of_the_blur_is_inverted_before_tiles():
 def test_light_is_unchanged_where_nothing_moved():
     """exact"""
     truth, nothing = rendered_before("wall"), np.zeros(SIZE[::-1])
-    before = light_before(WALL, WALL, nothing, np.zeros_like(WALL), ChromaBlur(BLUR), SRGB)
+    before = before_file(WALL, WALL, nothing, np.zeros_like(WALL), ChromaBlur(BLUR), SRGB)
     assert_allclose(before, WALL, atol=1e-7)
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
-    back = light_before(truth.image.rgb, WALL, alpha, own, ChromaBlur(BLUR), SRGB)
+    back = before_file(truth.image.rgb, WALL, alpha, own, ChromaBlur(BLUR), SRGB)
     assert_allclose(back[:12, :12], truth.image.rgb[:12, :12], atol=1e-7)
 
 
@@ -85,9 +91,9 @@ def test_luma_is_unchanged():
     truth = rendered_before("wall")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(truth.image.rgb, SRGB)
-    back = light_before(seen, truth.plate.rgb, alpha, own, ChromaBlur(BLUR), SRGB)
+    back = before_file(seen, truth.plate.rgb, alpha, own, ChromaBlur(BLUR), SRGB)
     assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-5)
-    same = light_before(seen, truth.plate.rgb, alpha, own, ChromaBlur(0), SRGB)
+    same = before_file(seen, truth.plate.rgb, alpha, own, ChromaBlur(0), SRGB)
     assert_allclose(same, seen, atol=1e-9)
 
 
@@ -102,7 +108,7 @@ def test_compression_is_inverted_on_average(chroma):
     )
     file = replace(camera.photograph(seen, rng).meta.compression, noise=2 / 255)
     alpha = truth.layer.alpha
-    back = light_before(seen, B, alpha, truth.layer.premultiplied, file, SRGB)
+    back = before_file(seen, B, alpha, truth.layer.premultiplied, file, SRGB)
     before, after = (
         np.sqrt(np.mean(((x - (1 - alpha)[..., None] * B)[alpha > 0] @ across(truth)) ** 2))
         for x in (seen, back)

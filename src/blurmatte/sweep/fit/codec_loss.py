@@ -15,7 +15,7 @@ and shape imitate does not determine φ: there its mean is the fitted φ, and it
 from the image, and the sweep is fitted again, until it hardly changes.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import Candidate, colors_are_correlated
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.chroma_subsampling import light_before
+from blurmatte.sweep.model.chroma_subsampling import File, light_after, light_before
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX
 from blurmatte.sweep.model.state import State
@@ -94,10 +94,10 @@ def candidate_before_file(
 
 def corrected_for_file(state: State, transfer: Transfer) -> State:
     """A sweep that was fitted to the light of a file, fitted to its light before the file."""
-    observed, blur = state.observation, chroma_blur_std(state)
     bounds = state.radius / 2, state.radius * 2
+    file = BeforeFile.of(state.observation, transfer, chroma_blur_std(state))
     for _ in range(_MAX_CORRECTIONS):
-        start = state.relit(light_before_file(observed, state, transfer, blur))
+        start = state.relit(file.corrected(state))
         state = minimize(start, bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)
         if start.cost - state.cost < ROUGH_TOLERANCE:
             break
@@ -115,10 +115,23 @@ def chroma_blur_std(state: State) -> float:
     return min(state.silhouette.softness(state.shape), MAX_FILE_BLUR_PX)
 
 
-def light_before_file(
-    observed: Observation, state: State, transfer: Transfer, blur: float
-) -> Observation:
-    """An observation corrected for the file's effect on the light that a state predicts."""
-    C, B, file = observed.rgb(observed.C), observed.rgb(observed.B), observed.file(transfer, blur)
-    light = light_before(C, B, state.swept.alpha, state.own_light, file, transfer)
-    return replace(observed.with_light(light), color=state.observation.color)
+@dataclass(frozen=True, eq=False)
+class BeforeFile:
+    """Correction of an observation for the effect of its file."""
+
+    observed: Observation
+    file: File
+    plates: tuple[Array, Array]  # linear RGB of the plate, before and after its file
+    transfer: Transfer
+
+    @classmethod
+    def of(cls, observed: Observation, transfer: Transfer, blur: float) -> "BeforeFile":
+        """Of its own file, or of one that blurs chroma by so many pixels."""
+        B, file = observed.rgb(observed.B), observed.file(transfer, blur)
+        return cls(observed, file, (B, light_after(B, file.seen, transfer)), transfer)
+
+    def corrected(self, state: State) -> Observation:
+        """The observation without the file's effect on the light that a state predicts."""
+        C, own = self.observed.rgb(self.observed.C), state.own_light
+        light = light_before(C, self.plates, state.swept.alpha, own, self.file, self.transfer)
+        return replace(self.observed.with_light(light), color=state.observation.color)

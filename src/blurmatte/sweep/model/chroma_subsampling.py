@@ -51,7 +51,7 @@ def file_of(image: LinearImage) -> Compression | None:
 
 def codes_before(
     codes: Array,
-    B: Array,
+    plates: tuple[Array, Array],
     alpha: Array,
     own: Array,
     seen: Callable[[Array], Array],
@@ -60,24 +60,29 @@ def codes_before(
     """(h, w, 3) code values of an image before its file, and those that the model predicts.
 
     codes (h, w, 3): of the image, 0…1.
-    B (h, w, 3): light of the plate.
+    plates (h, w, 3): light of the plate, and `light_after` its own file.
     own (h, w, 3): alpha times the object's color.
     seen: code values after the file, of those before it.
     """
-    plate = np.asarray(transfer.decode(seen(np.asarray(transfer.encode(B)))))
     through = (1 - alpha)[..., None]
     predicted, with_plate = (
-        np.asarray(transfer.encode(np.maximum(through * behind + own, 0))) for behind in (B, plate)
+        np.asarray(transfer.encode(np.maximum(through * behind + own, 0))) for behind in plates
     )
     return codes + with_plate - seen(predicted), predicted
 
 
+def light_after(light: Floats, seen: Callable[[Array], Array], transfer: Transfer) -> Array:
+    """(h, w, 3) light after a file, of light before it; `seen` is that of `codes_before`."""
+    codes = np.asarray(transfer.encode(np.asarray(light, float)))
+    return np.asarray(transfer.decode(seen(codes)))
+
+
 def light_before(
-    C: Floats, B: Floats, alpha: Array, own: Array, file: File, transfer: Transfer
+    C: Floats, plates: tuple[Array, Array], alpha: Array, own: Array, file: File, transfer: Transfer
 ) -> Array:
     """(h, w, 3) light of an image of light C before its file, as `codes_before`."""
     codes = np.asarray(transfer.encode(np.asarray(C, float)))
-    before, _ = codes_before(codes, np.asarray(B, float), alpha, own, file.seen, transfer)
+    before, _ = codes_before(codes, plates, alpha, own, file.seen, transfer)
     return np.asarray(transfer.decode(before))
 
 
@@ -87,7 +92,8 @@ def image_before(
     """An image of colors `basis` before its file, by `light_before`; clipped pixels as they are."""
     own = light_of_colors(image, plate, alpha, basis, file.spread)
     transfer = image.meta.transfer or SRGB
-    light = light_before(image.rgb, plate.rgb, alpha, own, file, transfer)
+    plates = np.asarray(plate.rgb, float), light_after(plate.rgb, file.seen, transfer)
+    light = light_before(image.rgb, plates, alpha, own, file, transfer)
     kept = np.where(image.valid[..., None], light, image.rgb)
     return replace(image, rgb=kept.astype(image.rgb.dtype))
 
