@@ -68,6 +68,12 @@ class Fits:
         """The best disc of one paint."""
         return self.one_paint[0]
 
+    @property
+    def of_one_paint(self) -> list[State]:
+        """Fits of one paint so far, before the plate as it is."""
+        states = [one.state for one in self.candidates if one.cast is None]
+        return [state for state in states if state.observation.color.varied == 1]
+
     def with_fits_of(self, hypothesis: "Hypothesis") -> "Fits":
         """With the fits of a hypothesis."""
         found = tuple(hypothesis.fits(self))
@@ -176,9 +182,7 @@ class FreeSilhouette(Hypothesis):
 
     def fits(self, fits: Fits) -> Iterable[Candidate]:
         """Of one paint, from the paths of the other shapes."""
-        known = [c.state for c in fits.candidates if c.cast is None]
-        one_paint = [state for state in known if state.observation.color.varied == 1]
-        found = fit_free(one_paint)
+        found = fit_free(fits.of_one_paint)
         return [] if found is None else [Candidate(found)]
 
 
@@ -210,7 +214,8 @@ class DiscWithShadow(Hypothesis):
     def _shaded(self, fits: Fits) -> tuple[State, CastShadow] | None:
         """The disc of constant size, and its shadow."""
         image, streak, disc = fits.image, fits.streak, fits.disc
-        shaded = fit_with_shadow(disc, fits.search)
+        rival = min(fits.of_one_paint, key=lambda state: state.cost)
+        shaded = fit_with_shadow(disc, fits.search, rival)
         dark = darkness(image, fits.plate, streak)
         if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
             return shaded
@@ -218,7 +223,7 @@ class DiscWithShadow(Hypothesis):
         rest = replace(streak, mask=streak.mask & ~dark)
         color = fits.search.observation.of_one_paint.color
         start = quick_search(rest, lit, fits.plate, color).quick()
-        return fit_with_shadow(start.on(disc.observation), fits.search)
+        return fit_with_shadow(start.on(disc.observation), fits.search, rival)
 
 
 HYPOTHESES: tuple[Hypothesis, ...] = (

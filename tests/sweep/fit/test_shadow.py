@@ -11,12 +11,14 @@ from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 from blurmatte.calibration import with_noise
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Scene
+from blurmatte.rendering.flat_bodies import Sheet
 from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.rendering.scene import Shadow
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart, start_along
+from blurmatte.sweep.fit.outline import fit_outline
 from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow, in_shadow, may_be_shaded
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import observation_around
@@ -79,7 +81,7 @@ def test_a_disc_without_a_shadow_casts_none(seed):
     _, observation = observed(scene, seed)
     disc = minimize(true_disc(observation), BOUNDS)
     assert not fit_cast(observation, disc).is_possible
-    assert fit_with_shadow(disc, search_of(observation)) is None
+    assert fit_with_shadow(disc, search_of(observation), disc) is None
 
 
 @pytest.mark.parametrize(
@@ -89,7 +91,7 @@ def test_disc_and_shadow_are_found_together(offset):
     """honest: from the best disc alone, which is wrong."""
     alpha, observation = observed(replace(BALL, shadow=replace(SHADOW, offset=offset)), 1)
     alone = minimize(true_disc(observation), BOUNDS)
-    disc, cast = fit_with_shadow(alone, search_of(observation))
+    disc, cast = fit_with_shadow(alone, search_of(observation), alone)
     assert alpha_error(disc.swept.alpha, alpha) < 0.006 < alpha_error(alone.swept.alpha, alpha)
     assert np.linalg.norm(cast.offset - offset) < 1
     assert disc.cost < alone.cost
@@ -103,15 +105,24 @@ def test_the_search_for_a_shadow_ends_where_there_is_none(monkeypatch):
     monkeypatch.setattr(
         "blurmatte.sweep.fit.shadow.fit_cast", lambda *at: fits.append(at) or fit_cast(*at)
     )
-    assert fit_with_shadow(disc, search_of(observation)) is None
+    assert fit_with_shadow(disc, search_of(observation), disc) is None
     assert 2 <= len(fits) <= 8  # of two starts with up to ten rounds each
+
+
+def test_a_shadow_is_refined_only_if_it_may_become_the_likeliest():
+    """cost: to a tall sheet and its shadow an outline fits better than a disc with a shadow."""
+    _, observation = observed(Scene(WALL, PATH, Sheet(22, 38, GREEN), shadow=SHADOW), 1)
+    disc = minimize(true_disc(observation), BOUNDS)
+    search = search_of(observation)
+    assert fit_with_shadow(disc, search, disc) is not None
+    assert fit_with_shadow(disc, search, fit_outline(disc)) is None
 
 
 def test_the_disc_is_in_the_observation_with_its_shadow():
     """exact"""
     _, observation = observed(BALL, 1)
     alone = minimize(true_disc(observation), BOUNDS)
-    disc, cast = fit_with_shadow(alone, search_of(observation))
+    disc, cast = fit_with_shadow(alone, search_of(observation), alone)
     expected = in_shadow(observation, disc, cast).B
     assert np.abs(disc.observation.B - expected).max() < 0.02
     assert disc.observation.C is observation.C

@@ -224,7 +224,7 @@ class Multistart:
         """The best of each family, of those that refinement may make the best of all."""
         best: dict[PathFamily, State] = {}
         for behind, state in ranked(fits):
-            if behind < 4 * DECISIVE_LOG_BAYES_FACTOR:
+            if is_finalist(behind):
                 best.setdefault(state.family, state)
         return list(best.values())[:_MAX_FINALISTS]
 
@@ -232,6 +232,11 @@ class Multistart:
         """The fit on small pixels that starts there."""
         start = with_principal_axes(state.on(self.observation))
         return minimize(start, self.bounds, MAX_STEPS, ROUGH_TOLERANCE)
+
+
+def is_finalist(behind: float) -> bool:
+    """Whether small pixels may make the likeliest what is so many nats behind on large ones."""
+    return behind < 4 * DECISIVE_LOG_BAYES_FACTOR
 
 
 def _covering_first(curves: Sequence[tuple[Array, float]]) -> Sequence[tuple[Array, float]]:

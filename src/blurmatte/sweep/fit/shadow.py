@@ -13,7 +13,7 @@ from blurmatte.checks import Array
 from blurmatte.descent import descended
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, relative_difference
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
+from blurmatte.sweep.fit.multistart import Multistart, is_finalist, with_principal_axes
 from blurmatte.sweep.fit.ranking import bic_penalty
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
@@ -43,8 +43,14 @@ _MAX_CAST_STEPS = 8  # of the shadow in a round
 _CAUCHY_SCALE = 2.5
 
 
-def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow] | None:
-    """A disc with its own shadow, if that is possible and likelier than the disc alone."""
+def fit_with_shadow(
+    disc: State, search: Multistart, rival: State
+) -> tuple[State, CastShadow] | None:
+    """A disc with its own shadow, if that is possible and likelier than the disc alone.
+
+    None also if it is so much less likely than a rival on large pixels that small ones cannot make it
+    the likeliest.
+    """
     plain, bounds = disc.observation, search.bounds
     coarse = plain.coarse_enough(disc.radius, _COARSE_RADIUS_PX)
     on_coarse = disc.on(coarse)
@@ -60,6 +66,11 @@ def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow]
         best, cast = min((best, cast), found, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / best.variance_inflation
     if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
+        return None
+    other = rival.on(coarse)
+    fewer = rival.parameters - disc.parameters - CastShadow.size
+    behind = (best.cost - other.cost) / other.variance_inflation - bic_penalty(coarse, fewer)
+    if not is_finalist(behind):
         return None
     best, cast = _alternated(best.on(plain), cast, bounds, _FINE_ROUNDS)
     for _ in range(0 if is_known else _MAX_RESTARTS):
