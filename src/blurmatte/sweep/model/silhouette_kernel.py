@@ -18,7 +18,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from blurmatte.checks import Array
-from blurmatte.compiling import njit
+from blurmatte.compiling import FAST_MATH, njit
 from blurmatte.sweep.model.rim_kernel import MAX_DISTANCE_STD, reach_of, variance_of
 
 _NODES_PER_STD = 64  # of the tabulated edge: Taylor's polynomials are exact to 1e-7
@@ -92,7 +92,7 @@ def within(center, reach, count):  # type: ignore[no-untyped-def]
     return max(int(np.ceil(center - reach)), 0), min(int(np.floor(center + reach)), count - 1) + 1
 
 
-@njit()
+@njit(fastmath=FAST_MATH)
 def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: ignore[no-untyped-def]
     """`sweep` for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
 
@@ -220,7 +220,7 @@ def add_slopes(slopes, g, k, D, by_maps, normal, mapped, at, shape):  # type: ig
         slopes[last + p] += mx * qx + my * qy
 
 
-@njit()
+@njit(fastmath=FAST_MATH)
 def sweep(motion, maps, by_maps, changes, rim, shape, soft, alpha, J):  # type: ignore[no-untyped-def]
     """Add the coverage of a moving shape to alpha (h, w) and J (h, w, n + j + k + l), zeros.
 
