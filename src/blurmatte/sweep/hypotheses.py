@@ -214,7 +214,7 @@ class DiscWithShadow(Hypothesis):
     def _shaded(self, fits: Fits) -> tuple[State, CastShadow] | None:
         """The disc of constant size, and its shadow."""
         image, streak, disc = fits.image, fits.streak, fits.disc
-        rival = min(fits.of_one_paint, key=lambda state: state.cost)
+        rival = min(fits.of_one_paint, key=lambda state: state.cost, default=disc)
         shaded = fit_with_shadow(disc, fits.search, rival)
         dark = darkness(image, fits.plate, streak)
         if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
