@@ -6,7 +6,7 @@ import subprocess
 import sys
 
 import pytest
-from benchmarks.golden import GOLDEN, differences, machine
+from benchmarks.golden import COMMON_INSTRUCTIONS, GOLDEN, differences, machine
 from benchmarks.table import ROOT
 
 
@@ -19,7 +19,7 @@ def test_results_are_as_recorded(tmp_path):
     recorded = json.loads(GOLDEN.read_text())["machine"]
     if recorded != machine():
         pytest.skip(f"recorded on {recorded}, this is {machine()}")
-    compiled = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    compiled = {**os.environ, **COMMON_INSTRUCTIONS, "NUMBA_CACHE_DIR": str(tmp_path)}
     compiling = sys.executable, "-m", "blurmatte", "info", "--compile"
     subprocess.run(compiling, cwd=ROOT, env=compiled, check=True, capture_output=True)
     command = sys.executable, "-m", "benchmarks.golden"
