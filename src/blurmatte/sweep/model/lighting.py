@@ -79,24 +79,26 @@ class Lighting:
 
     def on(self, plate: LinearImage) -> LinearImage:
         """The plate in this light; pixels outside of the observation do not change."""
-        change, std = (self._in_picture(x, plate) for x in (self.change, self.std))
-        by_change = self.hue * plate.rgb
-        B = plate.rgb + change[..., None] * by_change
-        variance = plate.variance + (std[..., None] * by_change) ** 2
-        kind = plate.rgb.dtype
-        return replace(plate.with_noise(variance.astype(kind)), rgb=B.astype(kind))
+        (rows, columns), at = self._places()
+        change, std = (
+            scipy.ndimage.map_coordinates(x, at, order=1, mode="nearest")[..., None]
+            for x in (self.change, self.std)
+        )
+        rgb, variance = plate.rgb.copy(), np.array(plate.variance, plate.rgb.dtype)
+        by_change = self.hue * rgb[rows, columns]
+        rgb[rows, columns] += change * by_change
+        variance[rows, columns] += (std * by_change) ** 2
+        return replace(plate.with_noise(variance), rgb=rgb)
 
-    def _in_picture(self, values: Array, plate: LinearImage) -> Array:
-        width, height = plate.size
-        h, w = values.shape
-        found = np.zeros((height, width))
+    def _places(self) -> tuple[tuple[slice, slice], Array]:
+        """Rows and columns of the observation in the picture, and where its pixels are: (2, H, W)."""
         (x, y), half = self.origin, (self.scale - 1) / 2
+        h, w = self.change.shape
         x0, y0 = round(x - half), round(y - half)
-        x1, y1 = round(x0 + w * self.scale), round(y0 + h * self.scale)
-        rows, columns = (np.arange(y0, y1) - y) / self.scale, (np.arange(x0, x1) - x) / self.scale
-        at = np.meshgrid(rows, columns, indexing="ij")
-        found[y0:y1, x0:x1] = scipy.ndimage.map_coordinates(values, at, order=1, mode="nearest")
-        return found
+        rows = slice(y0, round(y0 + h * self.scale))
+        columns = slice(x0, round(x0 + w * self.scale))
+        at = np.mgrid[rows, columns] - np.array([y, x])[:, None, None]
+        return (rows, columns), at / self.scale
 
 
 def fit_lighting(observation: Observation, is_gray: bool = True) -> Lighting:
