@@ -17,11 +17,12 @@ from blurmatte.explain.solution import (
 )
 from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.maps import Grade
-from blurmatte.matting.stats import ShadowSummary, SweepSummary
+from blurmatte.matting.stats import SweepSummary
 from blurmatte.matting.summary import Alternative
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.assess.calibration import REASONS as TERM_REASONS
 from blurmatte.sweep.assess.calibration import ErrorTerms
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.sweep import Diagnostics
@@ -283,7 +284,7 @@ def test_rejected_shape_explains_only_a_part(solution):
 
 
 def test_smaller_weight_of_a_shape_is_stated(solution):
-    shadow = ShadowSummary((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6))
+    shadow = CastShadow((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6))
     averaged = solution(sweep=disc_on_arc(shadow=shadow), weights=(0.2, 0.05, 0.75))
     assert likeliest_shape(replace(averaged, solver="Swept()"))
     smooth = without_shape(averaged)
@@ -296,7 +297,7 @@ def test_smaller_weight_of_a_shape_is_stated(solution):
 
 
 def test_cast_shadow_is_described_without_a_warning(solution):
-    shadow = ShadowSummary((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6))
+    shadow = CastShadow((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6))
     solved = solution(sweep=disc_on_arc(shadow=shadow))
     assert (
         "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha."

@@ -22,16 +22,11 @@ from blurmatte.files.writing import write
 from blurmatte.matting import Quality, SolutionStats
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.stats import (
-    MatchSummary,
-    MedianNoise,
-    ShadowSummary,
-    SmoothSummary,
-    SweepSummary,
-)
+from blurmatte.matting.stats import MatchSummary, MedianNoise, SmoothSummary, SweepSummary
 from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import NoiseModel
 from blurmatte.sweep.assess.calibration import ErrorTerms
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.sweep import Diagnostics
 
 STATS = SolutionStats(
@@ -62,7 +57,7 @@ STATS = SolutionStats(
         radius_std=0.1,
         outlines=(((0.0, 1.0), (2.0, 3.0)), ()),
         diagnostics=Diagnostics(converged=False, residual_excess=1.1),
-        shadow=ShadowSummary((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6)),
+        shadow=CastShadow((-6.0, 8.0), 3.0, (0.4, 0.5, 0.6)),
     ),
     smooth=SmoothSummary(2, 0.5, 12, converged=True),
     sum_shadow=-4.5,

@@ -251,7 +251,7 @@ def test_a_ball_and_its_shadow_are_found_together(offset, camera):
     scene = Scene(wall, path, body, shadow=shadow)
     sweep = swept(scene, 1, camera)
     assert error(sweep, scene) < 0.02
-    assert np.linalg.norm(sweep.cast.offset - offset) < 1.5
+    assert np.linalg.norm(np.subtract(sweep.cast.offset, offset)) < 1.5
 
 
 @pytest.mark.battery

@@ -86,7 +86,7 @@ def test_an_enlarged_sweep_has_the_alpha_of_the_small_one_on_cells(family):
 
 
 def test_an_enlarged_shadow_is_as_dark_on_cells():
-    cast = CastShadow(np.array([2.0, 1.0]), 1.2, np.array([0.5, 0.5, 0.4]))
+    cast = CastShadow((2.0, 1.0), 1.2, (0.5, 0.5, 0.4))
     small = sweep_of(LINE, Silhouette(), [3.0], cast)
     large = small.enlarged(CELL, SIZE.origin, SIZE.size)
     assert large.cast is not None

@@ -187,7 +187,7 @@ def test_the_plate_in_a_shadow_keeps_its_noise():
     _, plate = photographed(FLAT[LINE])
     sweep = swept(FLAT[LINE])
     assert sweep.in_shadow(plate, BOX) is plate
-    cast = CastShadow(np.array([0.0, 18.0]), 3.0, np.full(3, 0.5))
+    cast = CastShadow((0.0, 18.0), 3.0, (0.5, 0.5, 0.5))
     shaded = replace(sweep, cast=cast).in_shadow(plate, BOX)
     assert np.array_equal(shaded.variance, plate.variance)
     darker = np.any(shaded.rgb < plate.rgb, axis=-1)

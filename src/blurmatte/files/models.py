@@ -151,13 +151,6 @@ _PATH = Annotated[_PathFields, AfterValidator(lambda f: (Trajectory(f.xy, f.t), 
 
 
 @dataclass
-class _CastFields:
-    offset: Annotated[Array, numbers(-MAX_PX, MAX_PX, 2)]
-    softness: Annotated[float, numbers(0, MAX_PX)]
-    strength: Annotated[Array, numbers(0, 1, 3)]
-
-
-@dataclass
 class _SweepFields:
     family: str
     path: Annotated[Array, numbers(-MAX_PX, MAX_PX, None)]
@@ -166,7 +159,7 @@ class _SweepFields:
     covariance: Annotated[Array, covariance_matrix(MAX_PX**2, None, None)]
     size: Annotated[Array, numbers(1, MAX_PX, 2, whole=True)]
     diagnostics: Diagnostics
-    cast: _CastFields | None = None
+    cast: CastShadow | None = None
     kind: str = Silhouette.kind
     opacity_std: Annotated[float, numbers(0, 1)] = 0.0
 
@@ -186,7 +179,7 @@ def _sweep(fields: _SweepFields, silhouette: FlatShape) -> Sweep:
         fields.covariance,
         (width, height),
         fields.diagnostics,
-        None if fields.cast is None else CastShadow(**vars(fields.cast)),
+        fields.cast,
         fields.opacity_std,
     )
 

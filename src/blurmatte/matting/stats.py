@@ -26,6 +26,7 @@ from blurmatte.matting.maps import Grade
 from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.sweep.assess.calibration import ErrorTerms
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 MAX_SUM = 1e12  # of alpha or pixels; other numbers are less
@@ -120,25 +121,6 @@ class MatchSummary:
         )
 
 
-@dataclass(frozen=True)
-class ShadowSummary:
-    """The shadow that an object casts on the plate.
-
-    Parameters
-    ----------
-    offset : (float, float)
-        x, y from the object's center to that of its shadow, pixels.
-    softness : float
-        Standard deviation of its blur, pixels.
-    strength : three floats
-        The part of each channel's light that it takes at its darkest, 0…1.
-    """
-
-    offset: _Point
-    softness: _Size
-    strength: tuple[_Fraction, _Fraction, _Fraction]
-
-
 @dataclass(frozen=True, kw_only=True)
 class SweepSummary:
     """The likeliest shape on a path.
@@ -166,7 +148,7 @@ class SweepSummary:
         Their standard deviation across the rim, pixels.
     diagnostics : Diagnostics
         Goodness of the fit.
-    shadow : ShadowSummary or None
+    shadow : CastShadow or None
         The shadow that it casts, if one was fitted.
     """
 
@@ -184,7 +166,7 @@ class SweepSummary:
     outlines: tuple[_Points, ...]
     outlines_std: tuple[tuple[_Size, ...], ...] = ()
     diagnostics: Diagnostics
-    shadow: ShadowSummary | None = None
+    shadow: CastShadow | None = None
 
     @classmethod
     def of(cls, sweep: Sweep) -> SweepSummary:
@@ -209,7 +191,7 @@ class SweepSummary:
                 tuple(min(float(std), most) for std in sweep.outline_std(t)[::4]) for t in (0, 1)
             ),
             diagnostics=sweep.diagnostics,
-            shadow=None if sweep.cast is None else ShadowSummary(**sweep.cast.numbers),
+            shadow=sweep.cast,
         )
 
     def moved(self, x: int, y: int) -> SweepSummary:

@@ -286,7 +286,8 @@ class Sweep:
         assumed = self.assumed_covariance
         units, cast, known = np.concatenate([of_path, of_shape]), self.cast, self.diagnostics
         if cast is not None:
-            cast = replace(cast, offset=by * cast.offset, softness=by * cast.softness)
+            x, y = cast.offset
+            cast = replace(cast, offset=(by * x, by * y), softness=by * cast.softness)
         return replace(
             self,
             path=self.family.shifted(of_path * self.path, np.array(origin)),

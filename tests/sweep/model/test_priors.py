@@ -160,7 +160,7 @@ def test_shadow_of_a_known_disc_is_found():
     """Honest: its residuals contradict the disc alone."""
     found = fitted_as_known(*before_wall(Shadow((0, 11), strength=(0.5, 0.5, 0.5))))
     assert found.best.cast is not None
-    assert np.linalg.norm(found.best.cast.offset - (0, 11)) < 1.5
+    assert np.linalg.norm(np.subtract(found.best.cast.offset, (0, 11))) < 1.5
 
 
 def test_impossible_prior_is_refused():

@@ -171,7 +171,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     solved = _strengths(observation.coarse_enough(radius, _CAST_RADIUS_PX), disc)
     first = None
     if start is not None:
-        first = np.array([*start.offset / radius, np.log(start.softness / radius)])
+        first = np.array([*np.divide(start.offset, radius), np.log(start.softness / radius)])
     return solved(_minimized(lambda x: solved(x)[0], first))[1]
 
 
@@ -199,12 +199,14 @@ def _strengths(
 
     def solved(x: Array) -> tuple[Array, CastShadow]:
         """Residuals with the best strength, and the shadow."""
-        cast = CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, np.ones(3))
+        right, down = (x[:2] * radius).tolist()
+        cast = CastShadow((right, down), float(np.exp(x[2])) * radius, (1.0, 1.0, 1.0))
         S = cast.missing(disc.family, disc.path, radius, observation.pixels).ravel()
         normal = ((S * S) @ products).reshape(3, 3) + 1e-9 * np.eye(3)
         t = np.clip(np.linalg.solve(normal, S @ pulls), 0, 1)
         explained = (by_strength.reshape(-1, 3) @ t).reshape(-1, 3)
-        return (missing - S[:, None] * explained).ravel(), replace(cast, strength=t)
+        r, g, b = t.tolist()
+        return (missing - S[:, None] * explained).ravel(), replace(cast, strength=(r, g, b))
 
     return solved
 

@@ -7,12 +7,13 @@ lamp: C = P + (1 − α − t S) B. This equals a darker plate, B (1 − t S / (
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, ClassVar
 
 import numpy as np
 import scipy
+from annotated_types import Interval
 
-from blurmatte.checks import Array
+from blurmatte.checks import MAX_PX, Array
 from blurmatte.compiling import njit
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.pixels import Pixels
@@ -23,36 +24,42 @@ _MAX_STRENGTH = 0.95  # other light reaches the plate, too
 _MIN_STRENGTH_RATIO = 0.5  # smallest over largest of the channels: lamps are about white
 
 
-@dataclass(frozen=True, eq=False)
+_Coordinate = Annotated[float, Interval(ge=-MAX_PX, le=MAX_PX)]
+_Fraction = Annotated[float, Interval(ge=0, le=1)]
+
+
+@dataclass(frozen=True)
 class CastShadow:
-    """A shadow that a disc casts."""
+    """A shadow that a disc casts.
+
+    Parameters
+    ----------
+    offset : (float, float)
+        x, y from the disc's center to that of its shadow, pixels.
+    softness : float
+        Standard deviation of its blur, pixels.
+    strength : three floats
+        t of each channel: the part of its light that the shadow takes at its darkest, 0…1.
+    """
 
     size: ClassVar[int] = 6  # parameters
 
-    offset: Array  # (2,) float: from the disc's center to its shadow's, pixels
-    softness: float  # standard deviation of its blur, pixels
-    strength: Array  # (3,) float: t of each channel, 0…1
+    offset: tuple[_Coordinate, _Coordinate]
+    softness: Annotated[float, Interval(ge=0, le=MAX_PX)]
+    strength: tuple[_Fraction, _Fraction, _Fraction]
 
     @property
     def is_possible(self) -> bool:
         """True if a lamp that is white, but not the only light, can cast it."""
-        least, most = float(self.strength.min()), float(self.strength.max())
+        least, most = min(self.strength), max(self.strength)
         visible = _MIN_STRENGTH <= most <= _MAX_STRENGTH
         return visible and least >= _MIN_STRENGTH_RATIO * most
-
-    @property
-    def numbers(self) -> dict[str, Any]:
-        """All fields by name, as plain numbers."""
-        return {
-            "offset": tuple(float(x) for x in self.offset),
-            "softness": self.softness,
-            "strength": tuple(float(t) for t in self.strength),
-        }
 
     def missing(self, family: PathFamily, path: Array, radius: float, pixels: Pixels) -> Array:
         """(h, w) S of a disc of a radius (pixels of the picture) that moves along a path."""
         centers = _centers_of(family, path, pixels)
-        offset, radius, scale = self.offset / pixels.scale, radius / pixels.scale, pixels.scale
+        scale = pixels.scale
+        offset, radius = np.array(self.offset) / scale, radius / scale
         profile, step = _profile(radius, self.softness / scale)
         S = np.zeros(pixels.shape)
         _add_shadow(centers, offset, radius, profile, step, S)
