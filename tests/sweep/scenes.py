@@ -87,6 +87,14 @@ def disc_at(observation, family=LINE, offset=0.0, radius=RADIUS):
     return start_along(observation, family, path, radius)
 
 
+def residuals_of(state, observation, alpha):
+    """(3, h, w) residuals of an observation with the colors of a state and another alpha."""
+    C, B, V_C, V_B = observation.light
+    through = (1 - alpha)[..., None]
+    e = (C - through * B - state.field.light(alpha)) / np.sqrt(V_C + through**2 * V_B)
+    return np.moveaxis(e, 2, 0)
+
+
 def within(observation, values):
     """The part of a picture's map (H, W) in an observation at full resolution."""
     (x0, y0), (h, w) = map(int, observation.origin), observation.weight.shape

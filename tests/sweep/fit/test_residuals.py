@@ -18,6 +18,7 @@ from tests.sweep.scenes import (
     ONE_PAINT,
     disc_at,
     observed,
+    residuals_of,
 )
 
 from blurmatte.rendering.flat_bodies import Sheet
@@ -117,9 +118,8 @@ def test_outlier_fraction_is_that_of_another_object(right):
     hidden = np.zeros_like(inside)
     hidden[rows[0] : rows[len(rows) // 2]] = True
     C = np.where(hidden[..., None], (0.9, 0.1, 0.9), observation.C)
-    state = replace(
-        right, e=right.field.residuals(observation.with_light(C).light, right.swept.alpha)
-    )
+    e = residuals_of(right, observation.with_light(C), right.swept.alpha)
+    state = replace(right, e=e)
     assert_allclose(outlier_fraction(state), (hidden & inside).sum() / inside.sum(), atol=0.02)
 
 

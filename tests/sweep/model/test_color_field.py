@@ -134,7 +134,7 @@ def test_residuals_are_those_of_the_colors():
     through = (1 - alpha)[..., None]
     e = (C - through * B - alpha[..., None] * k) / np.sqrt(V_C + through**2 * V_B)
     assert_allclose(fitted, np.moveaxis(e, 2, 0), atol=1e-9)
-    assert_allclose(field.residuals(light, alpha), fitted, atol=1e-12)
+    assert_allclose(field.light(alpha), alpha[..., None] * k, atol=1e-12)
 
 
 def test_prior_and_cost_are_those_of_a_gaussian_field():

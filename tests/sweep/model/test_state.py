@@ -19,6 +19,7 @@ from tests.sweep.scenes import (
     exact,
     observed,
     rendered,
+    residuals_of,
 )
 
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
@@ -62,7 +63,7 @@ def test_the_gradient_is_that_of_the_loss(family, color):
     state = disc_at(observation, family, (1.0, -0.7), 11.6)
 
     def loss_at(other):
-        e = state.field.residuals(state.observation.light, other.swept.alpha)
+        e = residuals_of(state, state.observation, other.swept.alpha)
         return np.sum(observation.weight * loss((e**2).sum(axis=0), 3))
 
     H, g = state.information()

@@ -147,14 +147,6 @@ class ColorField:
     change: Array
     rank: int = 3  # number of axes along which the mean is free
 
-    def residuals(self, light: Light, alpha: Array) -> Array:
-        """(3, h, w) of unit variance."""
-        e = np.empty((3, *alpha.shape))
-        color_field_kernel.residuals(
-            light, alpha, self.grid.pitch, self.grid.number, self.colors, e
-        )
-        return e
-
     def light(self, alpha: Array) -> Array:
         """(h, w, 3) of the object: alpha times its color."""
         P = np.zeros((*alpha.shape, 3))
@@ -177,10 +169,8 @@ class ColorField:
 
 def residuals_of_none(light: Light) -> Array:
     """(3, h, w) residuals of unit variance without an object."""
-    none = np.zeros(light[0].shape[:2])
-    e = np.empty((3, *none.shape))
-    color_field_kernel.residuals(light, none, 2.0, np.empty((0, 0), np.int64), np.empty((0, 3)), e)
-    return e
+    C, B, V_C, V_B = light
+    return np.ascontiguousarray(np.moveaxis((C - B) / np.sqrt(V_C + V_B), 2, 0))
 
 
 def fit_field(

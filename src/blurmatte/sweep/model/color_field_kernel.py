@@ -1,4 +1,4 @@
-"""The field of colors, compiled: its nodes, their normal equations and fit, light and residuals.
+"""The field of colors, compiled: its nodes, their normal equations and fit, and its light.
 
 In this file `number` (rows, columns) has the number of each node of a grid of `pitch` pixels, −1 for
 places without a node; the nodes lie in the corners of its cells, the first in pixel (0, 0). A symmetric
@@ -169,31 +169,6 @@ def _add(first, nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-
 
 
 @njit()
-def _color(a, nodes, hats, colors, c):  # type: ignore[no-untyped-def]
-    k = 0.0
-    if a > 0:
-        for i in range(4):
-            k += hats[i] * colors[nodes[i], c]
-    return k
-
-
-@njit()
-def residuals(observed, alpha, pitch, number, colors, e):  # type: ignore[no-untyped-def]
-    """Write residuals e (3, h, w) of unit variance, one of each channel."""
-    C, B, V_C, V_B = observed
-    nodes, hats = np.empty(4, np.int64), np.empty(4)
-    for y in range(alpha.shape[0]):
-        for x in range(alpha.shape[1]):
-            a = alpha[y, x]
-            if a > 0:
-                corners(y, x, pitch, number, nodes, hats)
-            for c in range(3):
-                k = _color(a, nodes, hats, colors, c)
-                V = V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c]
-                e[c, y, x] = (C[y, x, c] - (1 - a) * B[y, x, c] - a * k) / np.sqrt(V)
-
-
-@njit()
 def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
     """Write alpha times the color to P (h, w, 3)."""
     nodes, hats = np.empty(4, np.int64), np.empty(4)
@@ -203,7 +178,10 @@ def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
             if a > 0:
                 corners(y, x, pitch, number, nodes, hats)
                 for c in range(3):
-                    P[y, x, c] = a * _color(a, nodes, hats, colors, c)
+                    k = 0.0
+                    for i in range(4):
+                        k += hats[i] * colors[nodes[i], c]
+                    P[y, x, c] = a * k
 
 
 @njit(fastmath=FAST_MATH)
@@ -214,7 +192,7 @@ def _by_alpha(J, observed, alpha, pixels, weight, colors, e):  # type: ignore[no
     the mixed curvature with the nodes' colors (3, m, p). Of H the lower triangle is written.
 
     The noise depends on alpha as well, which is equivalent to replacing the plate by its best
-    estimate, as in `residuals`.
+    estimate.
     """
     first, nodes, at, hats, _, sharp = pixels
     B, V_B = observed[1].reshape(-1, 3), observed[3].reshape(-1, 3)
