@@ -1,5 +1,7 @@
 """The light field of the plate: exact for a smooth shadow, independent of objects of another hue."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,15 @@ def test_an_object_of_another_hue_has_no_influence() -> None:
     alpha = np.where((abs(x - 22) < 5) & (abs(y - 20) < 12), 0.5, 0.0)
     found = fit_lighting(observed(shadow(), alpha))
     assert np.abs(found.change - shadow())[alpha == 0].max() < INTERPOLATION_ERROR
+
+
+def test_light_is_recovered_around_pixels_that_are_not_used() -> None:
+    observation = observed(shadow())
+    use = np.ones(observation.weight.shape)
+    use[-14:, -14:] = 0  # no pixel shows the last nodes
+    found = fit_lighting(replace(observation, weight=use))
+    assert np.isfinite(found.change).all()
+    assert np.abs(found.change - shadow())[use > 0].max() < INTERPOLATION_ERROR
 
 
 @pytest.mark.parametrize("hue", [(0.7, 1.0, 1.3), (1.2, 1.0, 0.8)])

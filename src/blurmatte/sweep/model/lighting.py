@@ -22,10 +22,9 @@ import numpy as np
 import scipy
 
 from blurmatte.checks import Array
-from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.color_field import EVEN, Grid
-from blurmatte.sweep.model.color_field_kernel import corners, fit_axis, scales
+from blurmatte.sweep.model.color_field_kernel import fit_axis, scales
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.student_t import student_weight
 
@@ -108,31 +107,56 @@ def fit_lighting(observation: Observation, is_gray: bool = True) -> Lighting:
     observation has the plate as it was without the object. If the change is gray, its hue is 1.
     """
     shape = observation.weight.shape
-    pitch = _PITCH * observation.pitch
-    grid = Grid.over(np.ones(shape), pitch)
-    C, B, V = observation.C, observation.B, observation.C_variance + observation.B_variance
-    differences, n = grid.differences(), grid.size
+    grid = Grid.over(np.ones(shape), _PITCH * observation.pitch)
+    hats, differences, n = _hats(grid, shape), grid.differences(), grid.size
+    B, V = observation.B, observation.C_variance + observation.B_variance
+    lost = observation.C - B
     prior, nodes = np.empty((grid.width, n)), np.empty(n)
     spread, step, cost, of_hue = _FIRST_SPREAD, _FIRST_STEP, 0.0, 0.0
-    chi2, change, std = np.empty(shape), np.empty(shape), np.empty(shape)
-    hue, G = np.ones(3), B
-    _chi2_of_best(C, B, G, V, chi2)
+    hue, G = np.ones(3), B  # G: the change of light by ρ
+    # Of the best change of each pixel: the residual is light of other hues.
+    known, pull = ((G * x / V).sum(axis=-1) for x in (G, lost))
+    chi2 = np.maximum((lost**2 / V).sum(axis=-1) - pull**2 / (known + 1e-30), 0)
     for _ in range(_ROUNDS):
         weight = observation.weight * student_weight(chi2, observation.channels)
-        band, right = np.zeros((grid.width, n)), np.zeros(n)
-        _equations(C, B, G, V, weight, pitch, grid.number, band, right)
-        cost, _, _ = fit_axis(band, right, differences, spread, step, False, prior, nodes)
-        clipped = np.clip(nodes, _MIN_CHANGE, _MAX_CHANGE)
-        _values(pitch, grid.number, clipped, change)
+        known, pull = ((weight * (G * x / V).sum(axis=-1)).ravel() for x in (G, lost))
+        band = _lower_band(hats.T @ hats.multiply(known[:, None]), grid.width)
+        cost, _, _ = fit_axis(band, hats.T @ pull, differences, spread, step, False, prior, nodes)
+        change = (hats @ np.clip(nodes, _MIN_CHANGE, _MAX_CHANGE)).reshape(shape)
         if not is_gray:
-            hue, of_hue = _hue_of(C - B, change[..., None] * B, weight[..., None] / V)
+            hue, of_hue = _hue_of(lost, change[..., None] * B, weight[..., None] / V)
             G = hue * B
-        _chi2(C, B, G, V, change, chi2)
-        _values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
+        chi2 = ((lost - G * change[..., None]) ** 2 / V).sum(axis=-1)
+        std = (hats @ (1 / np.sqrt(band[0] + prior[0]))).reshape(shape)
         away, steps = scales(band, prior, nodes, 0.0, grid.neighbors, EVEN)
         spread, step = (max(float(x), _MIN_SPREAD) for x in (away, steps))
     cost = float(cost) + of_hue
     return Lighting(change, std, cost, hue, observation.origin, observation.scale)
+
+
+def _hats(grid: Grid, shape: tuple[int, ...]) -> "scipy.sparse.csr_array":
+    """(h w, n) values of the nodes' hats in the pixels (h, w) of a picture that a grid covers."""
+
+    def along(size: int) -> "scipy.sparse.csr_array":
+        """(size, nodes) values of linear hats along a side."""
+        at = np.arange(size) / grid.pitch
+        apart = np.abs(at[:, None] - np.arange(int(at[-1]) + 2))
+        return scipy.sparse.csr_array(np.maximum(1 - apart, 0))
+
+    rows, columns = map(along, shape)
+    order = np.argsort(grid.number[grid.number >= 0])
+    return scipy.sparse.kron(rows, columns, "csr")[:, order]
+
+
+def _lower_band(matrix: "scipy.sparse.sparray", width: int) -> Array:
+    """(width, n) lower band of a sparse symmetric matrix (n, n)."""
+    diagonals, band = matrix.todia(), np.zeros((width, matrix.shape[0]))
+    lower, known = (
+        diagonals.offsets <= 0,
+        diagonals.data.shape[1],
+    )  # last columns of zeros are left out
+    band[-diagonals.offsets[lower], :known] = diagonals.data[lower]
+    return band
 
 
 def _hue_of(lost: Array, by_hue: Array, weight: Array) -> tuple[Array, float]:
@@ -146,64 +170,3 @@ def _hue_of(lost: Array, by_hue: Array, weight: Array) -> tuple[Array, float]:
     warmth = float(np.clip(warmth, -1, 1))
     cost = (warmth / _WARMTH_STD) ** 2 / 2 + np.log(known * _WARMTH_STD**2) / 2
     return 1 + warmth * _WARM, float(cost)
-
-
-@njit()
-def _equations(C, B, G, V, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
-    """Add the nodes' normal equations: lower band (width, n) and right side (n,).
-
-    G (h, w, 3) is the change of light by ρ, and V the variance of the noise.
-    """
-    nodes, hats = np.empty(4, np.int64), np.empty(4)
-    for y in range(weight.shape[0]):
-        for x in range(weight.shape[1]):
-            if weight[y, x] == 0:
-                continue
-            s, t = 0.0, 0.0
-            for c in range(3):
-                s += G[y, x, c] ** 2 / V[y, x, c]
-                t += G[y, x, c] * (C[y, x, c] - B[y, x, c]) / V[y, x, c]
-            corners(y, x, pitch, number, nodes, hats)
-            for i in range(4):
-                w = weight[y, x] * hats[i]
-                right[nodes[i]] += w * t
-                for j in range(4):
-                    if nodes[j] <= nodes[i]:
-                        band[nodes[i] - nodes[j], nodes[j]] += w * s * hats[j]
-
-
-@njit()
-def _values(pitch, number, at_nodes, out):  # type: ignore[no-untyped-def]
-    """Write a field (h, w) of the values of its nodes (n,)."""
-    nodes, hats = np.empty(4, np.int64), np.empty(4)
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            corners(y, x, pitch, number, nodes, hats)
-            out[y, x] = 0.0
-            for i in range(4):
-                out[y, x] += hats[i] * at_nodes[nodes[i]]
-
-
-@njit()
-def _chi2(C, B, G, V, change, out):  # type: ignore[no-untyped-def]
-    """Write the sum of the three squared residuals (h, w), given the change (h, w) of light."""
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            out[y, x] = 0.0
-            for c in range(3):
-                e = C[y, x, c] - B[y, x, c] - G[y, x, c] * change[y, x]
-                out[y, x] += e * e / V[y, x, c]
-
-
-@njit()
-def _chi2_of_best(C, B, G, V, out):  # type: ignore[no-untyped-def]
-    """As `chi2` for the best change of each pixel: the residual is light of other hues."""
-    for y in range(out.shape[0]):
-        for x in range(out.shape[1]):
-            s, t, total = 1e-30, 0.0, 0.0
-            for c in range(3):
-                w, e = 1 / V[y, x, c], C[y, x, c] - B[y, x, c]
-                s += G[y, x, c] ** 2 * w
-                t += G[y, x, c] * e * w
-                total += e * e * w
-            out[y, x] = max(total - t * t / s, 0.0)
