@@ -12,9 +12,9 @@ import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.evidence_kernel import evidence, evidence_of_matrices, residual
-from blurmatte.matting.maps import MIN_VARIANCE, in_strips
-from blurmatte.matting.special_pixels import MixedPlate, one_clipped
+from blurmatte.matting.evidence_kernel import STUDENT_DOF, evidence, residual
+from blurmatte.matting.maps import in_strips
+from blurmatte.matting.special_pixels import MixedPlate, one_clipped, parts_at_edges
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.radiometry.image import VARIANCE_FLOOR
@@ -25,6 +25,7 @@ from blurmatte.statistics import (
     block_sums,
     core_mean_square,
     significant_inflation,
+    student_weight,
     window_sums,
 )
 
@@ -148,14 +149,19 @@ def _at_edges(
     mixed: MixedPlate, image: LinearImage, plate: LinearImage, model: ColorModel, alpha: Floats
 ) -> tuple[Array, Array]:
     """Information and pull (n,) of the pixels at uncertain edges; for a line or plane of colors."""
-    at = mixed.edges
-    light = (np.asarray(picture.rgb[at], float) for picture in (image, plate))
-    noise = (np.asarray(picture.variance[at], float) + MIN_VARIANCE for picture in (image, plate))
-    t = np.asarray(alpha, float)[at]
-    information, pull = np.zeros((2, len(t)))
-    N = np.ascontiguousarray(model.normals)
-    evidence_of_matrices(*light, *noise, mixed.covariance, N, t, information, pull)
-    return information, pull
+    C, B, N, plate_error, image_error = parts_at_edges(mixed, image, plate, model)
+    t = 1 - np.asarray(alpha, float)[mixed.edges]
+    b, d, of_plate = B @ N, (B - C) @ N, N.T @ plate_error @ N
+    inverse = np.linalg.inv(N.T @ image_error @ N + (t**2)[:, None, None] * of_plate)
+    information, pull, total = (
+        np.einsum("ni,nij,nj->n", x, inverse, y) for x, y in ((b, b), (b, d), (d, d))
+    )
+    weight = np.ones(len(t))
+    if model.rank == 1:
+        chi2 = np.maximum(total - pull**2 / np.maximum(information, 1e-30), 0)
+        weight = student_weight(chi2, STUDENT_DOF, 1)
+    bias = np.einsum("nij,nij->n", of_plate, inverse)
+    return weight * information, weight * (pull - t * bias)
 
 
 def _of_texture(

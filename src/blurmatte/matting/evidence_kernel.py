@@ -8,9 +8,7 @@ import numpy as np
 
 from blurmatte.compiling import FAST_MATH, njit
 
-# Degrees of freedom of the t distribution of the residual that two normals leave, which downweights
-# outliers; in the loop, as a call of `statistics.student_weight` would need maps of χ²
-_STUDENT_DOF = 5.0
+STUDENT_DOF = 5.0  # of the t distribution of the residual that two normals leave
 
 
 @njit(inline="always", fastmath=FAST_MATH)
@@ -39,7 +37,7 @@ def _weighted(b, d, s, v, t, lines):  # type: ignore[no-untyped-def]
     if lines == 2:
         total = d0 * d0 * q00 + 2 * d0 * d1 * q01 + d1 * d1 * q11
         chi2 = max(total - p * p / max(A, 1e-30), 0.0)
-        weight = (_STUDENT_DOF + 1) / (_STUDENT_DOF + chi2)
+        weight = (STUDENT_DOF + 1) / (STUDENT_DOF + chi2)
     bias = v00 * q00 + 2 * v01 * q01 + v11 * q11
     return weight * A, weight * (p - t * bias)
 
@@ -75,33 +73,6 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
             s = _covariance(N, 0, 0, S), s01, s11
             v = _covariance(N, 0, 0, V), v01, v11
             information[y, x], pull[y, x] = _weighted(b, d, s, v, t, lines)
-
-
-@njit(fastmath=FAST_MATH)
-def evidence_of_matrices(C, B, V_C, V_B, K, N, alpha, information, pull):  # type: ignore[no-untyped-def]
-    """As `evidence`, for pixels (n, 3) whose plate has the error covariance V_B + K."""
-    lines = N.shape[1]
-    b, d, s, v = np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
-    s[1, 1] = 1.0
-    for k in range(len(alpha)):
-        t = 1.0 - alpha[k]
-        b[:], d[:] = 0.0, 0.0
-        for i in range(lines):
-            for c in range(3):
-                b[i] += N[c, i] * B[k, c]
-                d[i] += N[c, i] * (B[k, c] - C[k, c])
-            for j in range(i + 1):
-                of_image, of_plate = 0.0, 0.0
-                for c in range(3):
-                    of_image += N[c, i] * N[c, j] * V_C[k, c]
-                    of_plate += N[c, i] * N[c, j] * V_B[k, c]
-                    for e in range(3):
-                        of_plate += N[c, i] * N[e, j] * K[k, c, e]
-                v[i, j], s[i, j] = of_plate, of_image + t * t * of_plate
-        information[k], pull[k] = _weighted(
-            (b[0], b[1]), (d[0], d[1]), (s[0, 0], s[1, 0], s[1, 1]), (v[0, 0], v[1, 0], v[1, 1]),
-            t, lines,
-        )  # fmt: skip
 
 
 @njit(fastmath=FAST_MATH)

@@ -166,7 +166,7 @@ def solve_mixed_plate(
     """
     if model.rank == 3 or not mixed.edges.any():
         return
-    C, B, N, plate_error, image_error = _parts(mixed, image, plate, model)
+    C, B, N, plate_error, image_error = parts_at_edges(mixed, image, plate, model)
     b, d = B @ N, (B - C) @ N
     alpha = np.sum(b * d, axis=1) / (np.sum(b * b, axis=1) + 1e-30)
     for _ in range(3):  # the weights depend on alpha
@@ -193,7 +193,7 @@ def solve_mixed_plate(
     )
 
 
-def _parts(
+def parts_at_edges(
     mixed: MixedPlate, image: LinearImage, plate: LinearImage, model: ColorModel
 ) -> tuple[Array, Array, Array, Array, Array]:
     """C, B (n, 3), the normals, and the covariances (n, 3, 3) of plate and image."""
