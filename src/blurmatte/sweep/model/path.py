@@ -133,10 +133,10 @@ def pieces_of(xy, extra, step, max_count):  # type: ignore[no-untyped-def]
 class PathFamily(ABC):
     """Paths of one kind."""
 
-    name: ClassVar[str]
-    in_words: ClassVar[str]  # with its article
-    motion_in_words: ClassVar[str]  # the same with the speed
-    at_constant_speed: ClassVar[bool] = False
+    name: str
+    in_words: str  # with its article
+    motion_in_words: str  # the same with the speed
+    at_constant_speed: bool = False
     size: ClassVar[int]  # number of parameters
 
     @abstractmethod
@@ -183,30 +183,10 @@ class Polynomial(PathFamily):
     """
 
     degree: int
-
-    @property
-    def name(self) -> str:  # type: ignore[override]
-        """Name in messages and files."""
-        return ("line", "parabola", "cubic")[self.degree - 1]
-
-    @property
-    def in_words(self) -> str:  # type: ignore[override]
-        """With its article."""
-        return ("a straight line", "a parabola", "a cubic curve")[self.degree - 1]
-
-    @property
-    def motion_in_words(self) -> str:  # type: ignore[override]
-        """Its speed follows from its degree."""
-        return (
-            "a straight line at constant speed",
-            "a curve of constant acceleration",
-            "a curve of changing acceleration",
-        )[self.degree - 1]
-
-    @property
-    def at_constant_speed(self) -> bool:  # type: ignore[override]
-        """Whether it is a line."""
-        return self.degree == 1
+    name: str
+    in_words: str
+    motion_in_words: str
+    at_constant_speed: bool = False
 
     @property
     def size(self) -> int:  # type: ignore[override]
@@ -331,7 +311,9 @@ class FromRest(Kinked):
         return np.concatenate([start, end, [max(rest - before, 0.0) / duration]])
 
 
-LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)
+LINE = Polynomial(1, "line", "a straight line", "a straight line at constant speed", True)
+PARABOLA = Polynomial(2, "parabola", "a parabola", "a curve of constant acceleration")
+CUBIC = Polynomial(3, "cubic", "a cubic curve", "a curve of changing acceleration")
 ARC, BOUNCE, FROM_REST = Arc(), Bounce(), FromRest()
 # In the order in which they are fitted
 FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
