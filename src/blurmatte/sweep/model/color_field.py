@@ -35,18 +35,11 @@ import numpy as np
 from blurmatte.checks import Array, Ints64
 from blurmatte.color.model import ColorModel
 from blurmatte.sweep.model import color_field_kernel
-from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
 Light = tuple[Array, Array, Array, Array]
 AT_REST = np.zeros((2, 2))  # the `motion` of `fit_field`
 EVEN = np.array([1.0, 1.0, 0.0, 0.0])  # stiffness without motion
 
-# Settings of the fit of a field.
-_ROUNDS = 4  # of the colors, then their spread and the pixels' weights
-# Along each axis, of the mean color's length
-_FIRST_SPREAD = (0.5, 0.2, 0.2)
-_MIN_SPREAD = 0.004  # of the mean color's length
-_MIN_LENGTH = 1e-3  # of the mean color, linear light
 # τ/κ of an object's own texture, whose correlation length is a pitch: √(2 − 2/√e)
 _USUAL_CHANGE = 0.9
 
@@ -189,17 +182,12 @@ def fit_field(
     motion (2, 2): mean of v vᵀ over the exposure, v the velocity in pixels per exposure.
     """
     grid, stiffness = Grid.over(alpha, pitch), np.stack([EVEN, stiffness_of(motion, pitch)])
-    settings = np.array(
-        [
-            _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
-            *_FIRST_SPREAD, _MIN_SPREAD, _MIN_LENGTH, color.channels,
-        ]
-    )  # fmt: skip
     e = residuals_of_none(light) if of_none is None else of_none.copy()
     differences = np.stack([grid.differences(one) for one in stiffness])
     pairs = grid.number, differences, grid.neighbors, stiffness
+    known = color.rank, color.varied, color.angle_std, color.channels
     colors, prior, mean, mean_std, spread, change, cost, loss = color_field_kernel.fit(
-        light, alpha, weight, pitch, pairs, settings, e
+        light, alpha, weight, pitch, pairs, known, e
     )
     costs = float(cost), float(loss)
     return ColorField(grid, colors, prior, *costs, mean, mean_std, spread, change, color.rank), e

@@ -9,6 +9,14 @@ banded matrix is its lower band: band[k, j] is the element (j + k, j). `observed
 import numpy as np
 
 from blurmatte.compiling import FAST_MATH, njit
+from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
+
+# Settings of the fit of a field.
+_ROUNDS = 4  # of the colors, then their spread and the pixels' weights
+# Along each axis, of the mean color's length
+_FIRST_SPREAD = (0.5, 0.2, 0.2)
+_MIN_SPREAD = 0.004  # of the mean color's length
+_MIN_LENGTH = 1e-3  # of the mean color, linear light
 
 
 @njit()
@@ -359,9 +367,9 @@ def _unexplained(first, nodes, hats, P, sharp, colors, e):  # type: ignore[no-un
 
 
 @njit()
-def _replace(at, own, weight, freedom, channels, e):  # type: ignore[no-untyped-def]
+def _replace(at, own, weight, channels, e):  # type: ignore[no-untyped-def]
     """Replace residuals e (3, h, w) of pixels by their own (3, n); the change of the loss of all."""
-    flat, known = e.reshape(3, -1), weight.ravel()
+    flat, known, freedom = e.reshape(3, -1), weight.ravel(), DEGREES_OF_FREEDOM
     gained = 0.0
     for k in range(len(at)):
         before, after = 0.0, 0.0
@@ -384,44 +392,40 @@ def _length_of_mean(band, right):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-untyped-def]
+def fit(observed, alpha, weight, pitch, grid, known, e):  # type: ignore[no-untyped-def]
     """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
     change (3,) of each; the cost, and the change of the loss of the residuals e (3, h, w).
 
     `grid` are `number`, bands (2, width, n) of squared differences of even and of uneven stiffness,
     the neighbors, and both stiffnesses (2, 4): the uneven one is that of the axes from the second to
-    the last varied one. e are those without the object, and are replaced where it was. `settings` are:
-    rounds, rank, varied, the deviation of colors across the model, the degrees of freedom of the
-    residuals' t distribution, the first spreads (3) and the smallest one, of the mean color's length,
-    the smallest length, and the number of independent channels.
+    the last varied one. e are those without the object, and are replaced where it was. `known` are
+    rank, number of varied axes, angle and number of independent channels of a `ColorPrior`.
     """
-    rounds, rank, varied = int(settings[0]), int(settings[1]), int(settings[2])
-    across, freedom, min_spread, min_length = settings[3], settings[4], settings[8], settings[9]
-    channels = settings[10]
+    (rank, varied, across, channels), freedom = known, DEGREES_OF_FREEDOM
     number, differences, neighbors, stiffness = grid
     _, width, n = differences.shape
     first, nodes, at, hats, P, sharp = seen(observed, alpha, pitch, number)
     own_weight = weight.ravel()[at]
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
     _add(first, nodes, hats, P, sharp, own_weight, band, right)
-    length = max(_length_of_mean(band, right), min_length)
+    length = max(_length_of_mean(band, right), _MIN_LENGTH)
     spread, change = np.empty(3), np.empty(3)
     for c in range(3):
-        spread[c] = length * (settings[5 + c] if c < varied else max(across, min_spread))
+        spread[c] = length * (_FIRST_SPREAD[c] if c < varied else max(across, _MIN_SPREAD))
         change[c] = spread[c]
     used, changed = spread.copy(), change.copy()
     prior, colors = np.empty((3, width, n)), np.empty((n, 3))
     mean, std = np.zeros(3), np.zeros(3)
     own, weights, cost, volume = np.empty(n), np.empty(len(at)), 0.0, 0.0
     left = np.empty((3, len(at)))
-    for turn in range(rounds):
+    for turn in range(_ROUNDS):
         cost = 0.0
         used[:], changed[:] = spread, change
         for c in range(3):
             uneven = int(0 < c < varied)
             if turn == 0 or c < varied:
                 _write_prior(differences[uneven], spread[c], change[c], prior[c])
-            if turn + 1 == rounds:  # that of axes with the same prior is the same
+            if turn + 1 == _ROUNDS:  # that of axes with the same prior is the same
                 volume = volume if c > varied else _volume_of(prior[c])
             one, mean[c], std[c] = _mode_of(
                 band[c], right[c], spread[c], c < rank, prior[c], volume, own
@@ -430,16 +434,16 @@ def fit(observed, alpha, weight, pitch, grid, settings, e):  # type: ignore[no-u
             colors[:, c] = own
             if c < varied:
                 away, step = scales(band[c], prior[c], own, mean[c], neighbors, stiffness[uneven])
-                spread[c] = max(away, min_spread * length)
-                change[c] = max(step, min_spread * length)
+                spread[c] = max(away, _MIN_SPREAD * length)
+                change[c] = max(step, _MIN_SPREAD * length)
         _unexplained(first, nodes, hats, P, sharp, colors, left)
-        if turn + 1 < rounds:
+        if turn + 1 < _ROUNDS:
             for k in range(len(at)):
                 chi2 = left[0, k] ** 2 + left[1, k] ** 2 + left[2, k] ** 2
                 weights[k] = own_weight[k] * (freedom + channels) / (freedom + chi2)
             band[:], right[:] = 0, 0
             _add(first, nodes, hats, P, sharp, weights, band, right)
-    loss = _replace(at, left, weight, freedom, channels, e)
+    loss = _replace(at, left, weight, channels, e)
     return colors, prior, mean, std, used, changed, cost, loss
 
 
