@@ -12,7 +12,7 @@ import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.evidence_kernel import STUDENT_DOF, evidence, residual
+from blurmatte.matting.evidence_kernel import STUDENT_DOF, evidence
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.special_pixels import MixedPlate, one_clipped, parts_at_edges
 from blurmatte.radiometry import LinearImage, smooth_variance
@@ -259,9 +259,11 @@ def _within_streak(pixels: PixelPairs, alpha: Floats, inside: Bools) -> float:
     l, rest = pixels.model.basis[:, 0], np.empty((2, *inside.shape))
 
     def rows(strip: slice) -> None:
-        """Fill some rows."""
-        light = (a[strip] for a in pixels.with_edges)
-        residual(*light, l, alpha[strip], inside[strip], rest[:, strip])
+        """Write (l × B)·C and its variance of some rows."""
+        C, B, V_C, V_B = (a[strip] for a in pixels.with_edges)
+        through, m = 1 - np.asarray(alpha[strip], float)[..., None], np.cross(l, B)
+        both = m * C, m**2 * (V_C + through**2 * V_B)
+        rest[:, strip] = [np.where(inside[strip], x.sum(axis=-1), 0) for x in both]
 
     in_strips(rows, len(inside))
     e, variance, count = (block_sums(m, BLOCK) for m in (*rest, inside.astype(float)))

@@ -1,10 +1,8 @@
 """Compiled loops over the information of each pixel on alpha.
 
 In this file C, B, V_C, V_B, N are image, plate, their variances and the normals of the color model as
-in `pixelwise`, and l is the unit direction of a line of colors. Maps of a color are (h, w, 3).
+in `pixelwise`. Maps of a color are (h, w, 3).
 """
-
-import numpy as np
 
 from blurmatte.compiling import FAST_MATH, njit
 
@@ -73,75 +71,6 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
             s = _covariance(N, 0, 0, S), s01, s11
             v = _covariance(N, 0, 0, V), v01, v11
             information[y, x], pull[y, x] = _weighted(b, d, s, v, t, lines)
-
-
-@njit(fastmath=FAST_MATH)
-def residual(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-def]
-    """Write (l × B)·C, which does not depend on alpha, and its variance, (2, h, w); 0 if not used."""
-    for y in range(alpha.shape[0]):
-        for x in range(alpha.shape[1]):
-            out[0, y, x], out[1, y, x] = 0.0, 0.0
-            if not use[y, x]:
-                continue
-            t, rest, variance = 1.0 - alpha[y, x], 0.0, 0.0
-            for i in range(3):
-                j, k = (i + 1) % 3, (i + 2) % 3
-                m = l[j] * B[y, x, k] - l[k] * B[y, x, j]
-                rest += m * C[y, x, i]
-                variance += m * m * (V_C[y, x, i] + t * t * V_B[y, x, i])
-            out[0, y, x], out[1, y, x] = rest, variance
-
-
-@njit(fastmath=FAST_MATH)
-def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
-    """Write m·C, m·B, m·V_B m and Var q of each pixel as in `light_priors`, (4, h, w)."""
-    for y in range(alpha.shape[0]):
-        for x in range(alpha.shape[1]):
-            t, total, c, b, v = 1.0 - alpha[y, x], 0.0, 0.0, 0.0, 0.0
-            for i in range(3):
-                m = l[i] / (V_C[y, x, i] + t * t * V_B[y, x, i])
-                total += m * l[i]
-                c += m * C[y, x, i]
-                b += m * B[y, x, i]
-                v += m * m * V_B[y, x, i]
-            variance = 1.0 / total
-            out[0, y, x], out[1, y, x] = c * variance, b * variance
-            out[2, y, x], out[3, y, x] = v * variance * variance, variance
-
-
-@njit()
-def pull_of_codes(B, V_C, V_B, N, alpha, mask, color, image, plate):  # type: ignore[no-untyped-def]
-    """Convert light per code of red, green and blue into pull per code of luma and chroma.
-
-    In place, for image and plate (h, w, 3). `color` has a column for luma and each chroma: their red,
-    green and blue parts.
-    """
-    lines, of_light = N.shape[1], np.zeros(3)
-    for y in range(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            t = 1.0 - alpha[y, x]
-            S = (
-                V_C[y, x, 0] + t * t * V_B[y, x, 0],
-                V_C[y, x, 1] + t * t * V_B[y, x, 1],
-                V_C[y, x, 2] + t * t * V_B[y, x, 2],
-            )
-            b, b1, s01, s11 = _across(N, 0, B[y, x]), 0.0, 0.0, 1.0
-            if lines == 2:
-                b1 = _across(N, 1, B[y, x])
-                s01, s11 = _covariance(N, 0, 1, S), _covariance(N, 1, 1, S)
-            s00 = _covariance(N, 0, 0, S)
-            scale = mask[y, x] / (s00 * s11 - s01 * s01)
-            w0, w1 = scale * (s11 * b - s01 * b1), scale * (s00 * b1 - s01 * b)
-            for c in range(3):
-                of_light[c] = w0 * N[c, 0] + (w1 * N[c, 1] if lines == 2 else 0.0)
-            for codes, weight in ((image, 1.0), (plate, t)):
-                p, q, r = (
-                    weight * of_light[0] * codes[y, x, 0],
-                    weight * of_light[1] * codes[y, x, 1],
-                    weight * of_light[2] * codes[y, x, 2],
-                )
-                for i in range(3):
-                    codes[y, x, i] = p * color[0, i] + q * color[1, i] + r * color[2, i]
 
 
 @njit()

@@ -41,7 +41,6 @@ import scipy
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import FirstEstimate
-from blurmatte.matting.evidence_kernel import along
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.smooth_field import BORDER, CellEvidence, sums_2x2, upsampled
 
@@ -94,14 +93,16 @@ def _along_line(first: FirstEstimate) -> tuple[Floats, Floats, Floats, Floats]:
     l = first.pixels.model.basis[:, 0]
     l = l * np.sign(l.sum())
     out = np.empty((4, *first.alpha.shape), first.pixels.image.rgb.dtype)
-    alpha = np.asarray(first.alpha, out.dtype)
 
     def rows(strip: slice) -> None:
         """Fill some rows."""
-        light = (a[strip] for a in first.pixels.with_edges)
-        along(*light, l, alpha[strip], out[:, strip])
+        C, B, V_C, V_B = (a[strip] for a in first.pixels.with_edges)
+        m = l / (V_C + (1 - np.asarray(first.alpha[strip], float)[..., None]) ** 2 * V_B)
+        variance = 1 / (m @ l)
+        m *= variance[..., None]
+        out[:, strip] = *((m * x).sum(axis=-1) for x in (C, B, m * V_B)), variance
 
-    in_strips(rows, len(alpha))
+    in_strips(rows, len(first.alpha))
     C, B, bias, variance = out
     return C, B, bias, first.noise_factor * variance
 

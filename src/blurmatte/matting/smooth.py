@@ -34,7 +34,7 @@ from blurmatte.matting.evidence import (
     pixels_of,
     without_fine_structure,
 )
-from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes
+from blurmatte.matting.evidence_kernel import add_rounded
 from blurmatte.matting.light_priors import with_brightness, with_mixture
 from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag, in_strips
 from blurmatte.matting.object_light import inpaint_light, light_given
@@ -390,12 +390,22 @@ def rounding_pulls(
     _, B, V_C, V_B = pixels.with_edges
     if pixels.coarse is not None:
         B = pixels.coarse
-    light = (np.ascontiguousarray(a, kind) for a in (B, V_C, V_B))
-    N, color = np.ascontiguousarray(pixels.model.normals), np.linalg.inv(YCBCR)
+    N, color = pixels.model.normals, np.linalg.inv(YCBCR)
     (of_image, image), (of_plate, plate) = (
         _codes(picture, codes, transfer) for picture in (pixels.image, pixels.plate)
     )
-    pull_of_codes(*light, N, np.asarray(alpha, kind), pixels.use, color, image, plate)
+
+    def rows(strip: slice) -> None:
+        """Convert light per code of red, green and blue into pull per code of luma and chroma."""
+        use = pixels.use[strip]
+        t = 1 - np.asarray(alpha[strip][use], float)[:, None]
+        S = V_C[strip][use] + t**2 * V_B[strip][use]
+        covariance, b = np.einsum("nc,ci,cj->nij", S, N, N), B[strip][use] @ N
+        of_light = np.linalg.solve(covariance, b[..., None])[..., 0] @ N.T
+        for codes, weight in ((image[strip], 1.0), (plate[strip], t)):
+            codes[use] = weight * of_light * codes[use] @ color
+
+    in_strips(rows, len(pixels.use))
     off = np.random.default_rng(0).uniform(-0.5, 0.5, (samples, 3, 3 * codes)).astype(kind)
     pulls = np.zeros((samples, *levels[-1].mask.shape))
     width = 2 ** (len(levels) - 1)
