@@ -15,9 +15,10 @@ from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting import PixelMaps, Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.averaging import AlphaEstimate
-from blurmatte.matting.fitted_hypothesis import write_swept
+from blurmatte.matting.fitted_hypothesis import OnPath
 from blurmatte.matting.hypotheses import Averaged, Swept
 from blurmatte.matting.maps import Grade
+from blurmatte.matting.special_pixels import MixedPlate
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, render
 from blurmatte.rendering.flat_bodies import star_sprite
@@ -25,6 +26,7 @@ from blurmatte.rendering.plates import plain_plate, textured_plate
 from blurmatte.rendering.pose import Change
 from blurmatte.rendering.scene import Shadow
 from blurmatte.sweep import Sweep, fit_sweep
+from blurmatte.sweep.assess.model_selection import Evidence
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.trajectory import Trajectory
 
@@ -289,7 +291,9 @@ def test_swept_writes_the_given_estimate(wall):
     maps = PixelMaps.empty(h, w, np.float64)
     for values in maps:
         values[...] = 0
-    write_swept(maps, sweep, estimate, image, plate, (0, 0, w, h))
+    certain = MixedPlate(np.zeros((h, w), bool), np.zeros((0, 3, 3)))
+    found = OnPath.of(sweep, Evidence(0.0, 1.0, 0, 1.0))
+    found.write(maps, estimate, (image, plate, certain), (0, 0, w, h))
     assert_allclose(maps.alpha, alpha)
     assert_allclose(maps.alpha_std, estimate.alpha_std)
     inside = alpha > 0.01

@@ -158,9 +158,40 @@ class OnPath(FittedHypothesis):
         pictures: tuple[LinearImage, LinearImage, MixedPlate],
         box: Box,
     ) -> None:
-        """Also finds what occludes the object, and where the sweep does not fit."""
-        image, plate, mixed = pictures
-        write_swept(maps, self.sweep, average, image, mixed.with_edge_variance(plate), box)
+        """Occluded pixels keep their alpha and have no light.
+
+        Patches that the sweep does not fit (a hole, a highlight) are marked MISFIT, by the light before
+        chroma subsampling. Pixels outside the object that are only darker than the plate are marked
+        SHADOW. The maps are of the closed form with the sweep's color.
+        """
+        maps = maps.within(box)
+        alpha, alpha_std = (np.asarray(x, float) for x in (average.alpha, average.alpha_std))
+        sweep, (image, plate, mixed) = self.sweep, pictures
+        lit = mixed.with_edge_variance(plate)
+        plate = self.behind(lit, box)
+        P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
+        before = sweep.before_file(image, plate, box)
+        if before is not image:  # only for the test of fit: its light has more noise
+            _, _, chi2 = light_given(alpha, alpha_std, sweep.model, before, plate)
+        saturated = has_flag(maps.quality, Quality.SATURATED) & (~image.valid | (alpha < OPAQUE))
+        hidden = has_flag(maps.quality, Quality.OCCLUDED)
+        inside = (alpha > 0) | ~has_flag(maps.quality, Quality.OUTSIDE)
+        # Codecs leave more noise where something moves, so χ² is relative to its typical value.
+        parts = (alpha == 0) & ~inside, alpha > 0
+        chi2 = np.where(saturated, 1, chi2 / max(_typical(chi2[p & ~saturated]) for p in parts))
+        if not hidden.any():
+            hidden = _occluded(alpha, P, image, plate)
+        P[hidden], P_std[hidden & (alpha > 0)] = 0, np.inf
+        # Three times the mean χ² over a patch of nine: noise in two of them never exceeds it.
+        odd = ~hidden & (mean_of_neighbors(np.where(hidden, 1, chi2)) > 3.0)
+        for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
+            target[inside] = values[inside]
+        flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
+        flags |= (hidden & (alpha > 0)) * np.uint8(Quality.OCCLUDED)
+        shaded = odd | np.any(plate.rgb < 0.98 * lit.rgb, axis=-1)  # the object's own shadow
+        shaded &= inside & (alpha == 0) & darker_pixels(image, lit)
+        flags |= shaded * np.uint8(Quality.SHADOW)
+        maps.quality[inside] = flags[inside]
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,53 +264,6 @@ def _alpha_factor(estimate: AlphaEstimate, result: AlphaEstimate) -> float:
     total = float(np.sum(np.asarray(result.alpha)[both]))
     own = float(np.sum(np.asarray(estimate.alpha)[both]))
     return max(own / total, 0.0) if total > 0 else 1.0
-
-
-def write_swept(
-    maps: PixelMaps,
-    sweep: Sweep,
-    estimate: AlphaEstimate,
-    image: LinearImage,
-    plate: LinearImage,
-    box: Box,
-) -> None:
-    """Write the estimate and its light into maps of the closed form.
-
-    Occluded pixels keep their alpha and have no light. Patches that the sweep does not fit (a hole,
-    a highlight) are marked MISFIT, by the light before chroma subsampling. Pixels outside the
-    object that are only darker than the plate are marked SHADOW.
-
-    maps: of the closed form with the sweep's color; changed in place.
-    estimate: alpha in the box: the sweep's, or an average in which it has the largest weight.
-    image, plate: within the box, noise known.
-    box: around streak and sweep.
-    """
-    maps = maps.within(box)
-    alpha, alpha_std = (np.asarray(x, float) for x in (estimate.alpha, estimate.alpha_std))
-    lit, plate = plate, sweep.in_shadow(plate, box)
-    P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
-    before = sweep.before_file(image, plate, box)
-    if before is not image:  # only for the test of fit: its light has more noise
-        _, _, chi2 = light_given(alpha, alpha_std, sweep.model, before, plate)
-    saturated = has_flag(maps.quality, Quality.SATURATED) & (~image.valid | (alpha < OPAQUE))
-    hidden = has_flag(maps.quality, Quality.OCCLUDED)
-    inside = (alpha > 0) | ~has_flag(maps.quality, Quality.OUTSIDE)
-    # Codecs leave more noise where something moves, so χ² is relative to its typical value.
-    parts = (alpha == 0) & ~inside, alpha > 0
-    chi2 = np.where(saturated, 1, chi2 / max(_typical(chi2[p & ~saturated]) for p in parts))
-    if not hidden.any():
-        hidden = _occluded(alpha, P, image, plate)
-    P[hidden], P_std[hidden & (alpha > 0)] = 0, np.inf
-    # Three times the mean χ² over a patch of nine: noise in two of them never exceeds it.
-    odd = ~hidden & (mean_of_neighbors(np.where(hidden, 1, chi2)) > 3.0)
-    for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
-        target[inside] = values[inside]
-    flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
-    flags |= (hidden & (alpha > 0)) * np.uint8(Quality.OCCLUDED)
-    shaded = odd | np.any(plate.rgb < 0.98 * lit.rgb, axis=-1)  # the object's own shadow
-    shaded &= inside & (alpha == 0) & darker_pixels(image, lit)
-    flags |= shaded * np.uint8(Quality.SHADOW)
-    maps.quality[inside] = flags[inside]
 
 
 def _occluded(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) -> Bools:
