@@ -155,12 +155,17 @@ class Smooth(Solver):
         Warns ConvergenceWarning if the last step of the fit still changed alpha.
         """
         _warn_unless_converged(fit.field)
-        box, inside = _box(case), fit.pixels.inside
+        box, pixels, inside = _box(case), fit.pixels, fit.pixels.inside
         maps = closed_form(case, box, out)
         near, image = maps.within(box), case.image.crop(box)
         raw_std = np.sqrt(_inner(variance))
         alpha, alpha_std = as_fraction(_inner(fit.field.x), raw_std)
-        self._write(near, alpha, alpha_std, fit.pixels, image)
+        P, P_std, _ = light_given(alpha, alpha_std, pixels.model, image, pixels.wide)
+        hidden = has_flag(near.quality, Quality.OCCLUDED)
+        P[hidden], P_std[hidden] = 0, np.inf
+        for target, values in zip(near, (alpha, alpha_std, P, P_std), strict=False):
+            np.copyto(target.T, values.T, "same_kind", inside.T)
+        near.quality[inside] &= np.uint8(Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT)
         near.quality[inside] |= alpha_flags(alpha, raw_std, self.max_alpha_std)[inside]
         inpaint_light(near, image, case.plate.crop(box))
         sum_std = min(float(np.sqrt(of_sum)), float(alpha_std[inside].sum(dtype=float)))
@@ -179,24 +184,6 @@ class Smooth(Solver):
         if file is not None and case.model.rank == 1:  # of other models colors are too uncertain
             pixels = _before_file(pixels, file, self._fit(pixels).field)
         return self._fit(pixels)
-
-    def _write(
-        self,
-        maps: PixelMaps,
-        alpha: Floats,
-        alpha_std: Floats,
-        pixels: PixelPairs,
-        image: LinearImage,
-    ) -> None:
-        """Write alpha, light, and the quality that does not depend on them, inside the streak."""
-        inside = pixels.inside
-        P, P_std, _ = light_given(alpha, alpha_std, pixels.model, image, pixels.wide)
-        hidden = has_flag(maps.quality, Quality.OCCLUDED)
-        P[hidden], P_std[hidden] = 0, np.inf
-        for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
-            np.copyto(target.T, values.T, "same_kind", inside.T)
-        kept = np.uint8(Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT)
-        maps.quality[inside] &= kept
 
     def _fit(self, pixels: PixelPairs) -> SmoothFit:
         """Fit alpha, from a first estimate to the finest level."""
