@@ -37,7 +37,6 @@ from blurmatte.streaks import (
 )
 from blurmatte.streaks.evidence import without_outliers
 from blurmatte.sweep.assess.diagnostics import with_perspective_error
-from blurmatte.sweep.assess.model_selection import Hypotheses
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
 from blurmatte.sweep.fitting_size import FittingSize
 from blurmatte.sweep.hypotheses import Disc
@@ -294,18 +293,18 @@ def _case_of(pictures: Pictures, request: _Request) -> tuple[Case, list[Streak]]
     """Streak, colors, and sweeps unless the solver needs none; and the other streaks found."""
     image, plate, solver = pictures.image, pictures.plate, request.solver
     _LOG.info("finding the streak")
-    found = [request.streak] if request.streak is not None else []
-    if not found:
-        found = merge_across_occluder(require_streaks(image, plate), pictures.hidden)
+    streaks = [request.streak] if request.streak is not None else []
+    if not streaks:
+        streaks = merge_across_occluder(require_streaks(image, plate), pictures.hidden)
     model = request.model
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
     model = solver.colors(model)
     if model is None:
-        chosen = likeliest_streak(image, plate, found)
+        chosen = likeliest_streak(image, plate, streaks)
     else:
-        chosen = streak_of_color(found, image, plate, model)
-    others = [other for other in found if other is not chosen]
+        chosen = streak_of_color(streaks, image, plate, model)
+    others = [other for other in streaks if other is not chosen]
     if model is not None and not solver.needs_sweep:
         return Case(pictures, chosen, model, None), others
     _LOG.info("fitting the sweep")
@@ -313,41 +312,24 @@ def _case_of(pictures: Pictures, request: _Request) -> tuple[Case, list[Streak]]
     # Of a frame of a clip, start and prior are in its pixels.
     is_alone = start is None and prior is None
     size = FittingSize.of(chosen, solver.fitted_width) if is_alone else None
+    streak, small = chosen, pictures
     if size is not None:
-        return _enlarged_case(size, pictures, chosen, model, solver), others
+        streak, small = size.streak(chosen), _in_cells(size, pictures, chosen)
     searched = solver.hypotheses, solver.seconds, solver.opacity
-    hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior, *searched)
-    return Case(pictures, chosen, _with_streak(model, hypotheses), hypotheses), others
-
-
-def _enlarged_case(
-    size: FittingSize,
-    pictures: Pictures,
-    streak: Streak,
-    model: ColorModel | None,
-    solver: Solver,
-) -> Case:
-    """The case of hypotheses that were fitted to pictures of another size."""
-    of_streak, small = size.streak(streak), _in_cells(size, pictures, streak)
-    searched = solver.hypotheses, solver.seconds, solver.opacity
-    fitted = fit_hypotheses(small.image, small.plate, of_streak, model, None, None, *searched)
-    known = _with_streak(model, fitted)
-    hypotheses = size.hypotheses(fitted, (small.plate, pictures.plate), (of_streak, streak))
-    of_means = Case(small, of_streak, known, fitted, cells=size)
-    return Case(pictures, streak, known, hypotheses, of_means)
+    found = fit_hypotheses(small.image, small.plate, streak, model, start, prior, *searched)
+    # The streak adds information to uncertain colors.
+    known = found.best.model if model is None or model.covariance.any() else model
+    case = Case(small, streak, known, found, cells=size)
+    if size is not None:
+        enlarged = size.hypotheses(found, (small.plate, plate), (streak, chosen))
+        case = Case(pictures, chosen, known, enlarged, fitted=case)
+    return case, others
 
 
 def _in_cells(size: FittingSize, pictures: Pictures, streak: Streak) -> Pictures:
     """Pictures of means over cells."""
     image, plate = size.pictures(pictures.image, pictures.plate, streak, pictures.measured)
     return Pictures(image, plate, pictures.match, size.touched(pictures.hidden))
-
-
-def _with_streak(model: ColorModel | None, hypotheses: Hypotheses) -> ColorModel:
-    """The colors; the streak adds information to uncertain ones."""
-    if model is None or model.covariance.any():
-        return hypotheses.best.model
-    return model
 
 
 def _solution(case: Case, solver: Solver, others: list[Streak], out: PixelMaps | None) -> Solution:
