@@ -21,7 +21,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import MARGIN_PX
 from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
 from blurmatte.matting.maps import PixelMaps, Quality
-from blurmatte.matting.special_pixels import MixedPlate, mixed_plate
+from blurmatte.matting.special_pixels import NearPictures, mixed_plate
 from blurmatte.matting.stats import SolutionStats
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import with_inflated
@@ -115,7 +115,7 @@ class Case:
             return self.streak
         return grown_mask(self.streak, self.image, self.plate, self.model)
 
-    def within(self, box: Box) -> tuple[LinearImage, LinearImage, MixedPlate]:
+    def within(self, box: Box) -> NearPictures:
         """Image and plate in a box, and where the plate's edges are uncertain."""
         inside = self.streak.mask[rows_columns(box)]
         image, plate = self.image.crop(box), self.plate.crop(box)

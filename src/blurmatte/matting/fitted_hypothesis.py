@@ -13,7 +13,7 @@ from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.calibration import rms_difference
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
-from blurmatte.matting.special_pixels import MixedPlate
+from blurmatte.matting.special_pixels import NearPictures
 from blurmatte.matting.summary import Alternative
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.image import VARIANCE_FLOOR
@@ -67,15 +67,11 @@ class FittedHypothesis(ABC):
 
     @abstractmethod
     def write(
-        self,
-        maps: PixelMaps,
-        average: AlphaEstimate,
-        pictures: tuple[LinearImage, LinearImage, MixedPlate],
-        box: Box,
+        self, maps: PixelMaps, average: AlphaEstimate, pictures: NearPictures, box: Box
     ) -> None:
         """Write an average in which it has the largest weight, and its light.
 
-        pictures: image, plate and its uncertain edges in the box.
+        pictures: in the box.
         """
 
     def alternative(
@@ -152,11 +148,7 @@ class OnPath(FittedHypothesis):
         return self.sweep.in_shadow(plate, box)
 
     def write(
-        self,
-        maps: PixelMaps,
-        average: AlphaEstimate,
-        pictures: tuple[LinearImage, LinearImage, MixedPlate],
-        box: Box,
+        self, maps: PixelMaps, average: AlphaEstimate, pictures: NearPictures, box: Box
     ) -> None:
         """Occluded pixels keep their alpha and have no light.
 
@@ -229,11 +221,7 @@ class Shapeless(FittedHypothesis):
         return replace(self, box=size.enlarged_box(self.box), maps=maps)
 
     def write(
-        self,
-        maps: PixelMaps,
-        average: AlphaEstimate,
-        pictures: tuple[LinearImage, LinearImage, MixedPlate],
-        box: Box,
+        self, maps: PixelMaps, average: AlphaEstimate, pictures: NearPictures, box: Box
     ) -> None:
         """Where the object may be it is no longer OUTSIDE."""
         maps.write(self.box, self.maps)

@@ -108,6 +108,10 @@ class MixedPlate:
         return plate.with_noise(variance)
 
 
+# Image, plate and its uncertain edges in a box of the picture
+NearPictures = tuple[LinearImage, LinearImage, MixedPlate]
+
+
 def mixed_plate(image: LinearImage, plate: LinearImage, still: Bools) -> MixedPlate:
     """Find where a plate's edges are uncertain, and how uncertain they are.
 
