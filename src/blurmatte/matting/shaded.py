@@ -116,60 +116,42 @@ class Shaded(Solver):
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Solve the streak of a case."""
-        box, shaded = case.streak.around(MARGIN_PX), None
+        box, model = case.streak.around(MARGIN_PX), case.model
         maps = closed_form(case, case.box_with(()), out)
-        if self.plate is not None:
-            shaded = case.pictures.match.apply(self.plate).crop(box)
-        pictures = case.image.crop(box), case.plate.crop(box), shaded
-        S = self(maps.within(box), *pictures, case.model)
-        inside = case.streak.mask[rows_columns(box)]
-        stats = SolutionStats(sum_shadow=float(S[inside].sum()))
-        # The light of an object is rarely constant, and no factor of it is fitted.
-        assumes = "" if self.light is None else "light"
-        return Answer(maps, case.model, case.streak, stats, assumes=assumes, separates_shadow=True)
-
-    def __call__(
-        self,
-        maps: PixelMaps,
-        image: LinearImage,
-        plate: LinearImage,
-        shaded: LinearImage | None,
-        model: ColorModel,
-    ) -> Array:
-        """Write alpha and light into maps of the closed form; returns S, (h, w).
-
-        maps: changed in place.
-        image, plate: of the size of the maps, noise known.
-        shaded: `self.plate`, matched to the image and cropped to the same size, noise known.
-        model: of rank 1.
-        """
+        near, image, plate = maps.within(box), case.image.crop(box), case.plate.crop(box)
         C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
-        if shaded is None:
+        known = image.valid & plate.valid
+        if self.plate is None:
             o = np.asarray(self.light)
             X = np.stack([o - B, -B], axis=-1)
         else:
+            shaded = case.pictures.match.apply(self.plate).crop(box)
             check_same_size("the plate in shadow", shaded.size, "the image", image.size)
             l = np.broadcast_to(model.basis[:, 0], B.shape)
             X = np.stack([-B, shaded.rgb - B, l], axis=-1)
+            known = known & shaded.valid
         found, covariance, chi2 = _least_squares(X, C - B, image, plate)
         std = np.sqrt(np.maximum(np.diagonal(covariance, axis1=-2, axis2=-1), 0))
         alpha, alpha_std, S = found[..., 0], std[..., 0], found[..., 1]
-        if shaded is None:
+        if self.plate is None:
             P, P_std = alpha[..., None] * o, alpha_std[..., None] * np.abs(o)
         else:
             P, P_std = found[..., 2:] * l, std[..., 2:] * np.abs(l)
-        known = image.valid & plate.valid & (True if shaded is None else shaded.valid)
-        for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
+        for target, values in zip(near, (alpha, alpha_std, P, P_std), strict=False):
             target[known] = values[known]
-        dark = (std[..., 1] * MAX_RANGE_STDS < S) & ~has_flag(maps.quality, Quality.OUTSIDE)
+        dark = (std[..., 1] * MAX_RANGE_STDS < S) & ~has_flag(near.quality, Quality.OUTSIDE)
         flags = (
-            maps.quality & np.uint8(Quality.OUTSIDE)
+            near.quality & np.uint8(Quality.OUTSIDE)
             | alpha_flags(alpha, alpha_std, self.max_alpha_std)
             | dark * np.uint8(Quality.SHADOW)
             | (chi2 > MAX_CHI2) * np.uint8(Quality.MISFIT)
         )
-        maps.quality[known] = flags[known]
-        return np.where(known, S, 0)
+        near.quality[known] = flags[known]
+        inside = case.streak.mask[rows_columns(box)] & known
+        stats = SolutionStats(sum_shadow=float(S[inside].sum()))
+        # The light of an object is rarely constant, and no factor of it is fitted.
+        assumes = "" if self.light is None else "light"
+        return Answer(maps, model, case.streak, stats, assumes=assumes, separates_shadow=True)
 
 
 def _least_squares(
