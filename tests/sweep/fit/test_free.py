@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from tests.scenes import noisy, rendered
 from tests.sweep.scenes import GREEN, ONE_PAINT
 
@@ -15,7 +16,7 @@ from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Scene, colorful_plate
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep.fit.free import fit_free
+from blurmatte.sweep.fit.free import _smoothness, fit_free
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.fit.outline import HIGHEST_ORDER
 from blurmatte.sweep.hypotheses import Disc, Fits, FreeSilhouette, Outline
@@ -164,6 +165,20 @@ def test_error_of_alpha_is_honest(scene, seeds, least, most):
         error = np.sqrt(np.mean((sweep.alpha - true)[shown] ** 2))
         ratios.append(error / np.sqrt(np.mean(sweep.alpha_std[shown] ** 2)))
     assert least < np.median(ratios) < most
+
+
+def test_smoothness_is_the_weighted_sum_of_squared_steps():
+    """Oracle: the sum itself, and differences between cells of which some are left out."""
+    rng = np.random.default_rng(0)
+    weight, x = rng.uniform(size=(5, 4)), rng.normal(size=(5, 4))
+    for free in (np.ones(x.shape, bool), rng.uniform(size=x.shape) > 0.5):
+        S = _smoothness(weight)[np.flatnonzero(free)][:, np.flatnonzero(free)].toarray()
+        cells = np.where(free, x, 0)
+        right, down = (
+            weight[:, :-1] * np.diff(cells) ** 2,
+            weight[:-1] * np.diff(cells, axis=0) ** 2,
+        )
+        assert_allclose(x[free] @ S @ x[free], right.sum() + down.sum())
 
 
 def test_it_is_fitted_where_an_outline_of_the_highest_order_explains_all():

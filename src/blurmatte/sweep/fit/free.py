@@ -310,16 +310,16 @@ class _System:
         np.einsum("pyxc,yxc->pyx", weighted, d, out=maps[:-1])
         maps[-1] = weight * np.einsum("yxc,yxc->yx", e, d)
         *mixed, pull = problem.gathered(spread, maps)
-        rim = problem.rim_weights()
-        pull = pull - _smoothness(rim, problem.mask)
+        smoothness = _smoothness(problem.rim_weights())
+        pull = pull - (smoothness @ problem.mask.ravel()).reshape(problem.mask.shape)
         pull -= problem.gray_price * o.scale * (1 - 2 * problem.mask)
         held = ((problem.mask <= 0) & (pull < 0)) | ((problem.mask >= 1) & (pull > 0))
         free = problem.allowed & ~held
         number = np.where(free, np.cumsum(free).reshape(free.shape) - 1, -1)
         count = int(np.count_nonzero(free))
         data = kernel.normal_matrix(weight * _squared(d), *spread, number, count)
-        whole = data.copy()
-        kernel.add_smoothness(rim, number, whole)
+        at = np.flatnonzero(free)
+        whole = data + smoothness[at][:, at].toarray()
         whole[np.diag_indices(count)] += _REGULAR * np.diag(whole) + 1e-9
         factor = scipy.linalg.cho_factor(whole, lower=True) if count else (whole, True)
         flat = weighted.reshape(n + 3, -1)
@@ -496,11 +496,11 @@ def _steps(mask: Array) -> tuple[Array, Array]:
     return right, down
 
 
-def _smoothness(weight: Array, mask: Array) -> Array:
-    """(k, l) gradient of ½ Σ weight (right² + down²) of the steps of a mask."""
-    out = np.zeros_like(mask)
-    right, down = (weight * step for step in _steps(mask))
-    out -= right + down
-    out[:, 1:] += right[:, :-1]
-    out[1:] += down[:-1]
-    return out
+def _smoothness(weight: Array) -> "scipy.sparse.csr_array":
+    """(n, n) curvature of ½ Σ weight (right² + down²) of the steps between n cells (k, l)."""
+    index = np.arange(weight.size).reshape(weight.shape)
+    pairs = np.hstack(
+        [(index[:, :-1].ravel(), index[:, 1:].ravel()), (index[:-1].ravel(), index[1:].ravel())]
+    )
+    graph = scipy.sparse.csr_array((weight.ravel()[pairs[0]], pairs), 2 * (weight.size,))
+    return scipy.sparse.csgraph.laplacian(graph + graph.T).tocsr()  # its columns are chosen

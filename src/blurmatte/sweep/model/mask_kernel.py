@@ -140,23 +140,3 @@ def normal_matrix(q, offsets, spent, number, size):  # type: ignore[no-untyped-d
                 for b in range(known):
                     H[which[a], which[b]] += one * by[b]
     return H
-
-
-@njit()
-def add_smoothness(weight, number, H):  # type: ignore[no-untyped-def]
-    """Add the curvature of ½ Σ weight (m_right − m)² + (m_below − m)² to H (f, f)."""
-    n, m = number.shape
-    for i in range(n):
-        for j in range(m):
-            for below in range(2):
-                y, x = (i + 1, j) if below else (i, j + 1)
-                if y >= n or x >= m:
-                    continue
-                a, b = number[i, j], number[y, x]
-                if a >= 0:
-                    H[a, a] += weight[i, j]
-                if b >= 0:
-                    H[b, b] += weight[i, j]
-                if a >= 0 and b >= 0:
-                    H[a, b] -= weight[i, j]
-                    H[b, a] -= weight[i, j]
