@@ -30,6 +30,7 @@ distance from that value.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -201,7 +202,7 @@ def fit_opacity(state: State) -> Opacity:
         scores.append(_across(observation, chi, inside, size))
     known = [one for one in scores if len(one.a) >= _MIN_BLOCKS]
     is_open = observation.opacity is OpacityPrior.ANY or may_be_there_in_part(state)
-    return _posterior(known, _lights(observation, chi, inside), is_open)
+    return _posterior(known, partial(_possible, observation, chi, inside), is_open)
 
 
 def _occluded(observation: Observation, chi: Array, inside: Bools) -> Bools:
@@ -352,30 +353,19 @@ def _without_planes(
     return tuple(left), free
 
 
-@dataclass(frozen=True, eq=False)
-class _Lights:
-    """Mean light of the object that belongs to an opacity, over the part of the time it is there."""
+def _possible(observation: Observation, chi: Array, inside: Bools, f: Array) -> tuple[Bools, Bools]:
+    """(n,) whether light of a surface, and of a source, is possible at opacities f (n,).
 
-    alone: Array | None  # (3,) f = 0; None if no pixel shows it
-    behind: Array  # (3,) of the plate: what f = 1 adds
-
-    def possible(self, f: Array) -> tuple[Bools, Bools]:
-        """(n,) whether light of a surface, and of a source, is possible at an opacity."""
-        if self.alone is None:
-            return np.ones(len(f), bool), np.ones(len(f), bool)
-        light = self.alone + f[:, None] * self.behind
-        brightest = light.max(axis=1)
-        lit = (light.min(axis=1) >= MIN_LIGHT * brightest) & (brightest > 0)
-        return np.asarray(lit & (brightest <= MAX_LIGHT * f)), np.asarray(lit)
-
-
-def _lights(observation: Observation, chi: Array, inside: Bools) -> _Lights:
-    """In linear RGB."""
+    All is possible if no pixel shows the object.
+    """
     if not inside.any():
-        return _Lights(None, np.zeros(3))
+        return np.ones(len(f), bool), np.ones(len(f), bool)
     lights = _mean_lights((observation.C, observation.B), chi, inside)
-    light, behind = map(observation.rgb, lights)
-    return _Lights(light - behind, behind)
+    solid, behind = map(observation.rgb, lights)
+    light = (solid - behind) + f[:, None] * behind
+    brightest = light.max(axis=1)
+    lit = (light.min(axis=1) >= MIN_LIGHT * brightest) & (brightest > 0)
+    return np.asarray(lit & (brightest <= MAX_LIGHT * f)), np.asarray(lit)
 
 
 def _mean_lights(pictures: tuple[Array, Array], chi: Array, inside: Bools) -> tuple[Array, Array]:
@@ -387,15 +377,20 @@ def _mean_lights(pictures: tuple[Array, Array], chi: Array, inside: Bools) -> tu
     return np.asarray((part * (C - (1 - part) * B)).sum(axis=0) / total), np.asarray(behind)
 
 
-def _posterior(scores: list[_Scores], lights: _Lights, is_open: bool) -> Opacity:
-    """Opacity and its error, if other values than 1 are rare or, as open, have even odds."""
+def _posterior(
+    scores: list[_Scores], possible: Callable[[Array], tuple[Bools, Bools]], is_open: bool
+) -> Opacity:
+    """Opacity and its error, if other values than 1 are rare or, as open, have even odds.
+
+    possible: `_possible` of opacities.
+    """
     values = [np.linspace(0, 1, 401)]
     for one in scores:
         peak, std = one.peak
         values.append(np.clip(peak + std * np.linspace(-8, 8, 161), 0, 1))
     f = np.unique(np.concatenate(values))
     log = np.sum([one.log_likelihood(f) for one in scores], axis=0) + np.zeros(len(f))
-    surface, source = lights.possible(f)
+    surface, source = possible(f)
     if not source.any():
         surface, source = np.ones((2, len(f)), bool)
     likelihood = np.exp(log - log[source].max())
