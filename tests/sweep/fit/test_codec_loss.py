@@ -32,10 +32,10 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.discs import fit_disc
 from blurmatte.sweep.fit.codec_loss import (
-    BeforeFile,
     candidate_before_file,
     chroma_blur_std,
     corrected_for_file,
+    correction,
 )
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.model.path import LINE
@@ -120,7 +120,7 @@ def test_the_blur_of_an_unknown_file_is_that_of_the_rim(softness, blur):
 def test_corrected_light_is_nearer_to_uncompressed_light():
     """honest: across the object's color."""
     state, truth = fitted(), rendered(SCENE)
-    before = BeforeFile.of(state.observation, SRGB, chroma_blur_std(state)).corrected(state)
+    before = correction(state.observation, SRGB, chroma_blur_std(state))(state)
     across = np.linalg.svd(GREEN[:, None])[0][:, 1:]
     rim = within(state.observation, truth.layer.alpha) > 0
     true = within(state.observation, truth.image.rgb)
@@ -140,7 +140,7 @@ def test_the_corrected_sweep_is_a_fixed_point(soft):
     state = slow = corrected_for_file(start, SRGB)
     std = np.sqrt(np.diag(np.linalg.inv(state.information()[0])))
     for _ in range(12):
-        before = BeforeFile.of(observed_light, SRGB, chroma_blur_std(slow)).corrected(slow)
+        before = correction(observed_light, SRGB, chroma_blur_std(slow))(slow)
         slow = minimize(slow.relit(before), BOUNDS)
     moved = np.concatenate([slow.path - state.path, slow.shape - state.shape])
     assert np.abs(moved / std).max() < 0.6

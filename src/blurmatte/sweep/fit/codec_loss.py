@@ -15,7 +15,8 @@ and shape imitate does not determine φ: there its mean is the fitted φ, and it
 from the image, and the sweep is fitted again, until it hardly changes.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import Candidate, colors_are_correlated
 from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.chroma_subsampling import File, light_after, light_before
+from blurmatte.sweep.model.chroma_subsampling import light_after, light_before
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX
 from blurmatte.sweep.model.state import State
@@ -95,9 +96,9 @@ def candidate_before_file(
 def corrected_for_file(state: State, transfer: Transfer) -> State:
     """A sweep that was fitted to the light of a file, fitted to its light before the file."""
     bounds = state.radius / 2, state.radius * 2
-    file = BeforeFile.of(state.observation, transfer, chroma_blur_std(state))
+    corrected = correction(state.observation, transfer, chroma_blur_std(state))
     for _ in range(_MAX_CORRECTIONS):
-        start = state.relit(file.corrected(state))
+        start = state.relit(corrected(state))
         state = minimize(start, bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)
         if start.cost - state.cost < ROUGH_TOLERANCE:
             break
@@ -115,23 +116,19 @@ def chroma_blur_std(state: State) -> float:
     return min(state.silhouette.softness(state.shape), MAX_FILE_BLUR_PX)
 
 
-@dataclass(frozen=True, eq=False)
-class BeforeFile:
-    """Correction of an observation for the effect of its file."""
+def correction(
+    observed: Observation, transfer: Transfer, blur: float
+) -> Callable[[State], Observation]:
+    """A function of a state: the observation without the effect of its file on the predicted light.
 
-    observed: Observation
-    file: File
-    plates: tuple[Array, Array]  # linear RGB of the plate, before and after its file
-    transfer: Transfer
+    blur: by which a file blurs chroma whose compression is not known, pixels.
+    """
+    C, B, file = observed.rgb(observed.C), observed.rgb(observed.B), observed.file(transfer, blur)
+    plates = B, light_after(B, file.seen, transfer)
 
-    @classmethod
-    def of(cls, observed: Observation, transfer: Transfer, blur: float) -> "BeforeFile":
-        """Of its own file, or of one that blurs chroma by so many pixels."""
-        B, file = observed.rgb(observed.B), observed.file(transfer, blur)
-        return cls(observed, file, (B, light_after(B, file.seen, transfer)), transfer)
+    def corrected(state: State) -> Observation:
+        """The observation along the axes of color of the state."""
+        light = light_before(C, plates, state.swept.alpha, state.own_light, file, transfer)
+        return replace(observed.with_light(light), color=state.observation.color)
 
-    def corrected(self, state: State) -> Observation:
-        """The observation without the file's effect on the light that a state predicts."""
-        C, own = self.observed.rgb(self.observed.C), state.own_light
-        light = light_before(C, self.plates, state.swept.alpha, own, self.file, self.transfer)
-        return replace(self.observed.with_light(light), color=state.observation.color)
+    return corrected
