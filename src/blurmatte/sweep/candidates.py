@@ -131,12 +131,14 @@ class Candidates:
         limit: of the time; None if there is no such disc.
         """
         search, image = self.fits.search, self.fits.image
+        transfer = image.meta.transfer or SRGB
         probable = hypothesis_probabilities(self.evidence) > _MIN_REFINED_WEIGHT
         before = {
-            one.state: _before_file(one, image) for one in compress(self.candidates, probable)
+            one.state: candidate_before_file(one, transfer)
+            for one in compress(self.candidates, probable)
         }
         compared = [
-            _refined(one, before[one.state], known, image, search)
+            _refined(before[one.state], known, image, search)
             if one.state in before
             else (sweep_of(one, image), known)
             for one, known in zip(self.candidates, self.evidence, strict=True)
@@ -150,7 +152,7 @@ class Candidates:
                 _LOG.info("fitting a disc with a pattern")
                 errors = fitted[0].opacity_std, fitted[0].even_opacity_std  # of all solid shapes
                 disc = Candidate(self.fits.disc)
-                corrected = before.get(disc.state) or _before_file(disc, image)
+                corrected = before.get(disc.state) or candidate_before_file(disc, transfer)
                 pattern, evidence = _with_pattern(disc, corrected, search)
                 pattern = replace(pattern, opacity_std=errors[0], even_opacity_std=errors[1])
                 compared.append((sweep_of(pattern, image), evidence))
@@ -316,32 +318,16 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     return replace(evidence, cost=evidence.cost + added - candidate.unresolved)
 
 
-def _before_file(candidate: Candidate, image: LinearImage) -> Candidate:
-    """A candidate in the light before its file; one with a pattern as it is."""
-    if candidate.covariance is not None:
-        return candidate
-    transfer = image.meta.transfer or SRGB
-    return candidate_before_file(candidate.state, transfer, candidate.cast)
-
-
 def _refined(
-    candidate: Candidate,
-    corrected: Candidate,
-    evidence: Evidence,
-    image: LinearImage,
-    search: Multistart,
+    candidate: Candidate, evidence: Evidence, image: LinearImage, search: Multistart
 ) -> tuple[Sweep, Evidence]:
-    """The sweep of a candidate corrected for its file and fitted to hue if of one paint; its evidence.
+    """The sweep of a candidate before its file, fitted to hue if of one paint; its evidence.
 
     If the fit to hue is likelier than the candidate with all of its light, the candidate had not
     reached the maximum of its likelihood: colors and evidence are then those of the fit to hue.
     """
-    if candidate.covariance is not None:
-        return sweep_of(candidate, image), evidence
-    errors = candidate.opacity_std, candidate.even_opacity_std
-    candidate = replace(corrected, opacity_std=errors[0], even_opacity_std=errors[1])
     sweep = sweep_of(candidate, image)
-    if candidate.cast is not None:
+    if candidate.covariance is not None or candidate.cast is not None:
         return sweep, evidence
     state = fitted_to_hue(candidate.state, search.bounds)
     if state is candidate.state:

@@ -38,6 +38,7 @@ from blurmatte.sweep.fit.codec_loss import (
     correction,
 )
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.ranking import Candidate
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX, Silhouette
 
@@ -160,7 +161,7 @@ def test_blur_of_the_rim_by_subsampled_chroma_is_removed():
 @pytest.mark.parametrize("scene", [FLAT[LINE], SCENE], ids=["wall", "tiles"])
 def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
     """honest"""
-    candidate = candidate_before_file(fitted(scene), SRGB)
+    candidate = candidate_before_file(Candidate(fitted(scene)), SRGB)
     assert candidate.chroma_blur > 0
     true = within(candidate.state.observation, rendered(scene).layer.alpha)
     assert alpha_error(candidate.state.swept.alpha, true) < 0.015
@@ -170,7 +171,7 @@ def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
 def test_candidates_without_chroma_subsampling_are_unchanged():
     """invariant"""
     state = fitted(camera=CAMERA)
-    candidate = candidate_before_file(state, SRGB)
+    candidate = candidate_before_file(Candidate(state), SRGB)
     assert candidate.state is state
     assert candidate.chroma_blur == 0
 
@@ -183,7 +184,8 @@ def test_errors_from_jpegs_are_honest(quality, draws):
     """honest: from the truth, draws of noise, path and radius."""
     camera, z = Camera(code_std=1.5 / 255, jpeg_quality=quality, chroma="4:2:0"), []
     for seed in range(draws):
-        candidate = candidate_before_file(fitted.__wrapped__(SCENE, seed, camera), SRGB)
+        state = fitted.__wrapped__(SCENE, seed, camera)
+        candidate = candidate_before_file(Candidate(state), SRGB)
         sweep = sweep_of(candidate, photographed(SCENE, seed, camera)[0])
         off = np.concatenate([sweep.path, sweep.shape[:1]]) - [
             *along(LINE).xy[[0, -1]].ravel(),

@@ -26,7 +26,6 @@ from blurmatte.radiometry.compression import FrameCoding
 from blurmatte.statistics import UNIFORM_VARIANCE, cell_means
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import Candidate, colors_are_correlated
-from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import light_after, light_before
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import MAX_FILE_BLUR_PX
@@ -82,15 +81,17 @@ def _lost_light(state: State, coding: FrameCoding, transfer: Transfer) -> Array 
     return np.asarray(light - transfer.decode(np.maximum(codes - cell_means(lost, side), 0)))
 
 
-def candidate_before_file(
-    state: State, transfer: Transfer, cast: CastShadow | None = None
-) -> Candidate:
-    """The sweep in the light before its file, if that blurred colors."""
+def candidate_before_file(candidate: Candidate, transfer: Transfer) -> Candidate:
+    """The candidate in the light before its file, if that blurred colors; with a pattern as it is."""
+    state, blur = candidate.state, 0.0
+    if candidate.covariance is not None:
+        return candidate
     known = state.observation.compression is not None
-    if not known and not (state.silhouette.has("blur") and colors_are_correlated(state)):
-        return Candidate(state, cast)
-    blur = chroma_blur_std(state)
-    return Candidate(corrected_for_file(state, transfer), cast, blur)
+    if known or (state.silhouette.has("blur") and colors_are_correlated(state)):
+        blur = chroma_blur_std(state)
+        state = corrected_for_file(state, transfer)
+    errors = candidate.opacity_std, candidate.even_opacity_std
+    return Candidate(state, candidate.cast, blur, *errors)
 
 
 def corrected_for_file(state: State, transfer: Transfer) -> State:
