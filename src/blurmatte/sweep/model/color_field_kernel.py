@@ -39,18 +39,11 @@ def numbered(number):  # type: ignore[no-untyped-def]
     """
     rows, columns = number.shape
     n, m, apart = 0, 0, 0
-    if rows > columns:
-        for j in range(rows):
-            for i in range(columns):
-                if number[j, i] == 0:
-                    number[j, i] = n
-                    n += 1
-    else:
-        for i in range(columns):
-            for j in range(rows):
-                if number[j, i] == 0:
-                    number[j, i] = n
-                    n += 1
+    for k in range(rows * columns):
+        j, i = (k // columns, k % columns) if rows > columns else (k % rows, k // rows)
+        if number[j, i] == 0:
+            number[j, i] = n
+            n += 1
     pairs = np.empty((3, 4 * n), np.int64)
     for way, (down, right) in enumerate(((0, 1), (1, 0), (1, 1), (1, -1))):
         for j in range(rows - down):
