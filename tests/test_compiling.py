@@ -1,10 +1,13 @@
-"""The cache of compiled kernels."""
+"""The cache of compiled kernels, and threads that run them."""
 
 import os
 import subprocess
 import sys
+from threading import Barrier, get_ident
 
 import pytest
+
+from blurmatte.compiling import in_threads
 
 KERNEL = """
 from blurmatte.compiling import njit
@@ -52,3 +55,27 @@ def test_cache_moves_if_no_folder_can_be_written(tmp_path):
     first, second = (answer(tmp_path, **home, PYTHONDONTWRITEBYTECODE="1") for _ in range(2))
     assert (first.stdout.split(), second.stdout.split()) == (["42"], ["42", "1"])
     assert first.stderr.count("cannot be written to; compiled code is kept in") == 1
+
+
+def test_results_keep_the_order_of_the_arguments():
+    """invariant: in any order of completion."""
+    assert in_threads(lambda x: x * x, iter(range(20))) == [x * x for x in range(20)]
+    assert in_threads(abs, []) == []
+
+
+def test_calls_run_concurrently(monkeypatch):
+    """invariant: each waits until the other has begun."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    both = Barrier(2, timeout=10)
+    assert sorted(in_threads(lambda _: both.wait(), range(2))) == [0, 1]
+
+
+def test_a_single_call_runs_in_the_calling_thread():
+    """invariant"""
+    assert in_threads(lambda _: get_ident(), [0]) == [get_ident()]
+
+
+def test_exceptions_are_raised():
+    """door"""
+    with pytest.raises(ZeroDivisionError):
+        in_threads(lambda x: 1 // x, [1, 0, 2])

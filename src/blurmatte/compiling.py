@@ -5,12 +5,13 @@ import os
 import pickle
 import stat
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from threading import RLock
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +22,21 @@ _OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}  # of all ker
 # With numbers of Python, kernels for 32-bit floats would compute in doubles.
 ZERO, ONE, TWO = np.float32(0), np.float32(1), np.float32(2)
 FAST_MATH = {"nsz", "arcp", "contract", "reassoc"}  # infinity and NaN stay as they are
+
+S = TypeVar("S")
+T = TypeVar("T")
+
+
+def in_threads(function: Callable[[S], T], things: Iterable[S]) -> list[T]:
+    """Results of a function in the order of its arguments; the first exception is raised.
+
+    The time is mostly that of compiled code, which releases the interpreter's lock.
+    """
+    several = list(things)
+    if len(several) < 2:
+        return [function(thing) for thing in several]
+    with ThreadPoolExecutor(min(os.cpu_count() or 1, len(several))) as threads:
+        return list(threads.map(function, several))
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:

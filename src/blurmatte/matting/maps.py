@@ -1,7 +1,6 @@
 """Maps of a solution with their quality flags, and threads over strips of rows."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from enum import IntFlag, StrEnum, auto
 from itertools import pairwise
 from os import cpu_count
@@ -11,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box, Codes8, Floats, rows_columns
+from blurmatte.compiling import in_threads
 from blurmatte.streaks import Streak
 
 # Light is stored as float32, so no value is known to better than about 1e-6 of full scale. The bound
@@ -148,9 +148,8 @@ def alpha_flags(alpha: Floats, alpha_std: Floats, max_alpha_std: float) -> Codes
 
 
 def in_strips(job: Callable[[slice], None], height: int) -> None:
-    """Run a job on strips of rows in threads; compiled loops release the interpreter's lock."""
-    with ThreadPoolExecutor(cpu_count()) as threads:
-        list(threads.map(job, _strips(height)))
+    """Run a job on strips of rows in threads."""
+    in_threads(job, _strips(height))
 
 
 def _strips(height: int) -> list[slice]:

@@ -27,15 +27,14 @@ cells, in which the mask is False.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from os import cpu_count
 
 import numpy as np
 import numpy.typing as npt
 import scipy
 
 from blurmatte.checks import Array, Bools, Floats
+from blurmatte.compiling import in_threads
 from blurmatte.matting import smooth_kernel as kernel
 from blurmatte.statistics import block_sums
 
@@ -323,8 +322,8 @@ def _solve_all(
         A, b, x = job
         return int(kernel.conjugate_gradients(A, root, order, mask, b, x, max_steps, tolerance))
 
-    with ThreadPoolExecutor(cpu_count()) as threads:
-        return list(threads.map(solve, jobs))[0]  # noqa: RUF015  all must have ended
+    steps, *_ = in_threads(solve, jobs)
+    return steps
 
 
 def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats) -> Floats:

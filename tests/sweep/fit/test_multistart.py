@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from threading import Barrier, get_ident
 
 import numpy as np
 import pytest
@@ -28,14 +27,12 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep.assess.diagnostics import sweep_of
-from blurmatte.sweep.fit import multistart
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
 from blurmatte.sweep.fit.multistart import (
     Multistart,
     center_curve,
     depth_of,
     fitted_to_hue,
-    thread_map,
     with_varied_colors,
 )
 from blurmatte.sweep.fit.ranking import Candidate
@@ -216,30 +213,6 @@ def test_hue_is_not_used_without_contrast_of_hue():
     search = searched(gray).of_one_paint
     quick = search.quick()
     assert fitted_to_hue(quick, search.bounds) is quick
-
-
-def test_results_keep_the_order_of_the_arguments():
-    """invariant: in any order of completion."""
-    assert thread_map(lambda x: x * x, iter(range(20))) == [x * x for x in range(20)]
-    assert thread_map(abs, []) == []
-
-
-def test_calls_run_concurrently(monkeypatch):
-    """invariant: each waits until the other has begun."""
-    monkeypatch.setattr(multistart, "cpu_count", lambda: 2)
-    both = Barrier(2, timeout=10)
-    assert sorted(thread_map(lambda _: both.wait(), range(2))) == [0, 1]
-
-
-def test_a_single_call_runs_in_the_calling_thread():
-    """invariant"""
-    assert thread_map(lambda _: get_ident(), [0]) == [get_ident()]
-
-
-def test_exceptions_are_raised():
-    """door"""
-    with pytest.raises(ZeroDivisionError):
-        thread_map(lambda x: 1 // x, [1, 0, 2])
 
 
 def stroke(path, radius):

@@ -4,17 +4,15 @@ The search is coarse to fine: every family of paths is fitted on large pixels fr
 through the streak, and the best few are refined on small pixels.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from os import cpu_count
-from typing import TypeVar
 
 import numpy as np
 import scipy
 
 from blurmatte.checks import Array, Bools
+from blurmatte.compiling import in_threads
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak
@@ -26,9 +24,6 @@ from blurmatte.sweep.model.path import FAMILIES, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.priors import MotionPrior
 from blurmatte.sweep.model.silhouette import DISC, OPAQUE, as_silhouette
 from blurmatte.sweep.model.state import State, state_at
-
-S = TypeVar("S")
-T = TypeVar("T")
 
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 
@@ -208,8 +203,8 @@ class Multistart:
 
     def _best_refined(self, fits: Sequence[State]) -> list[State]:
         """The finalists on small pixels, the best first."""
-        ends = thread_map(self._refined, self._finalists(fits))
-        return [state for _, state in ranked(thread_map(self.softened, ends))]
+        ends = in_threads(self._refined, self._finalists(fits))
+        return [state for _, state in ranked(in_threads(self.softened, ends))]
 
     def _fits(self, curve: Array, radius: float, families: Sequence[PathFamily]) -> list[State]:
         """Fits on large pixels that start from a curve."""
@@ -340,18 +335,6 @@ def with_varied_colors(state: State) -> State:
     color = state.observation.color
     varied = replace(color, varied=color.rank)
     return state.relit(replace(state.observation, color=varied))
-
-
-def thread_map(function: Callable[[S], T], things: Iterable[S]) -> list[T]:
-    """Results of a function in the order of its arguments; the first exception is raised.
-
-    Fits run mostly in compiled code, which releases the interpreter's lock.
-    """
-    several = list(things)
-    if len(several) < 2:
-        return [function(thing) for thing in several]
-    with ThreadPoolExecutor(min(cpu_count() or 1, len(several))) as threads:
-        return list(threads.map(function, several))
 
 
 def depth_of(mask: Bools) -> Array:
