@@ -160,9 +160,7 @@ class MotionPrior:
             along = np.zeros((6, size))
             along[:, : len(path)] = D.reshape(6, -1)
             J = np.concatenate([along, J])
-            both = np.zeros((7, 7))
-            both[:6, :6], both[6:, 6:] = np.linalg.inv(self.path.covariance), precision
-            precision = both
+            precision = scipy.linalg.block_diag(np.linalg.inv(self.path.covariance), precision)
         return residual, J, self.weight * precision
 
 
