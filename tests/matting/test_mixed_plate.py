@@ -104,8 +104,8 @@ def test_without_edges_the_evidence_is_that_of_the_closed_form():
     mixed = MixedPlate(edges, np.zeros((np.count_nonzero(edges), 3, 3)))
     flat = replace(image, noise=np.full(image.rgb.shape, 0.004**2))
     everywhere = np.ones(SHAPE, bool)
-    plain = evidence_of(pixels_of(flat, plate, LINE, everywhere), ALPHA)
-    matrix = _at_edges(mixed, flat, plate, LINE, ALPHA)
+    pixels = pixels_of(flat, plate, LINE, everywhere)
+    plain, matrix = evidence_of(pixels, ALPHA), _at_edges(mixed, pixels, ALPHA)
     for one, other in zip(plain, matrix, strict=True):
         assert np.allclose(one[edges], other, rtol=1e-5)
 

@@ -139,17 +139,16 @@ def evidence_of(pixels: PixelPairs, alpha: Floats) -> tuple[Floats, Floats]:
 
     in_strips(rows, len(use))
     if mixed is not None:
-        at_edges = _at_edges(mixed, pixels.image, pixels.plate, model, alpha)
+        at_edges = _at_edges(mixed, pixels, alpha)
         for own, of_edges in zip((information, pull), at_edges, strict=True):
             own[mixed.edges] = of_edges * pixels.inside[mixed.edges]
     return information, pull
 
 
-def _at_edges(
-    mixed: MixedPlate, image: LinearImage, plate: LinearImage, model: ColorModel, alpha: Floats
-) -> tuple[Array, Array]:
+def _at_edges(mixed: MixedPlate, pixels: PixelPairs, alpha: Floats) -> tuple[Array, Array]:
     """Information and pull (n,) of the pixels at uncertain edges; for a line or plane of colors."""
-    C, B, N, plate_error, image_error = parts_at_edges(mixed, image, plate, model)
+    model = pixels.model
+    C, B, N, plate_error, image_error = parts_at_edges(mixed, pixels.image, pixels.plate, model)
     t = 1 - np.asarray(alpha, float)[mixed.edges]
     b, d, of_plate = B @ N, (B - C) @ N, N.T @ plate_error @ N
     inverse = np.linalg.inv(N.T @ image_error @ N + (t**2)[:, None, None] * of_plate)
