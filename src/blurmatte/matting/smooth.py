@@ -71,6 +71,7 @@ _REFINEMENTS = (1.0, 0.5, 0.25)  # factors of the scale on finer levels
 _SAMPLES = 2  # of the posterior, while priors are compared
 _FINAL_SAMPLES = 8  # of the posterior, for the result
 _FIRST_STD_PX = 2.0  # of the Gaussian that smooths the first alpha
+_ROUNDING_SAMPLES = 16  # maps of rounding errors that are drawn, with a fixed seed
 _TEXTURE_NOISE_POWER = 0.7  # exponent of the noise inflation for a model of rank 3
 
 
@@ -225,7 +226,7 @@ class Smooth(Solver):
         # Cells and pixels weight the evidence differently; the difference of sums is a model error.
         fine, coarse = (float(one.x.sum(dtype=float)) for one in (field, fit.coarse[-1][1]))
         of_sum += (fine - 4**fit.finest * coarse) ** 2
-        variance, bias_square = self._variance(levels, fit.prior, field, fit.pixels.model.rank)
+        variance, bias_square = self._variance(fit)
         return _with_correlation(fit, variance, shared), of_sum + bias_square
 
     def _refined(
@@ -252,10 +253,9 @@ class Smooth(Solver):
             field = fit_field(level, prior, field, samples * sampled, cells * 4**depth, local)
         return prior, field
 
-    def _variance(
-        self, levels: Sequence[CellEvidence], prior: Prior, field: Field, rank: int
-    ) -> tuple[Floats, float]:
+    def _variance(self, fit: SmoothFit) -> tuple[Floats, float]:
         """Variance of each pixel's alpha without lost fine structure, and of the sum's bias."""
+        levels, prior, field, rank = fit.levels, fit.prior, fit.field, fit.pixels.model.rank
         limit, samples = _MAX_SIMULATED_CELLS, _SAMPLES
         depth = next(d for d, level in enumerate(levels) if level.count <= limit)
         cells = 4**depth
@@ -359,7 +359,7 @@ def _of_rounding(fit: SmoothFit) -> tuple[Floats, float]:
 
 
 def rounding_pulls(
-    pixels: PixelPairs, alpha: Floats, levels: Sequence[CellEvidence], samples: int = 16
+    pixels: PixelPairs, alpha: Floats, levels: Sequence[CellEvidence]
 ) -> list[Array]:
     """Errors of the pull of each cell of the last level, one map for each sample.
 
@@ -368,7 +368,6 @@ def rounding_pulls(
 
     alpha (h, w): an estimate.
     levels: from pixels on, each of twice the width.
-    samples: how many maps to draw, with a fixed seed.
     """
     codes, transfer = pixels.image.meta.levels, pixels.image.meta.transfer
     if codes is None or transfer is None or pixels.model.rank == 3:
@@ -393,8 +392,10 @@ def rounding_pulls(
             codes[use] = weight * of_light * codes[use] @ color
 
     in_strips(rows, len(pixels.use))
-    off = np.random.default_rng(0).uniform(-0.5, 0.5, (samples, 3, 3 * codes)).astype(kind)
-    pulls = np.zeros((samples, *levels[-1].mask.shape))
+    off = (
+        np.random.default_rng(0).uniform(-0.5, 0.5, (_ROUNDING_SAMPLES, 3, 3 * codes)).astype(kind)
+    )
+    pulls = np.zeros((_ROUNDING_SAMPLES, *levels[-1].mask.shape))
     width = 2 ** (len(levels) - 1)
     add_rounded(of_image, image, of_plate, plate, pixels.use, off, width, BORDER, pulls)
     return list(pulls)

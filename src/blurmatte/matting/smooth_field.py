@@ -46,6 +46,7 @@ _VARIANCE_WINDOW = 5  # cells across over which sampled variances are averaged
 LOCAL_DOF = 12.0  # effective parameters that determine a local scale to 40 %
 LOCAL_PRIOR_DOF = 1.0  # effective parameters that the scale of the field counts as
 _ROUNDS = 2  # alternations of both steps
+_TRIALS = 4  # simulations of the error, with a fixed seed
 _MAX_STEPS = 300  # of conjugate gradients
 TOLERANCE = 1e-5  # gain of log likelihood per cell below which these stop
 MIN_ALPHA = -0.05  # at 0 only positive noise would remain, and sums would be too large
@@ -359,26 +360,24 @@ def simulated_variance(
     field: Field,
     refit: Callable[[CellEvidence], Floats],
     cells: int = 1,
-    trials: int = 4,
 ) -> tuple[Floats, float]:
     """Variance of each cell of a field, (h, w), and the square of the bias of its sum.
 
     field: fitted with this prior.
     refit: the field of other evidence, including the choice of the prior.
     cells: pixels per cell.
-    trials: number of simulations, with a fixed seed.
     """
     A, x, mask = evidence.information, field.x, evidence.mask
     tolerance, residuals = TOLERANCE, [_residuals(evidence, x)]
     (more,) = field_changes(evidence, prior, field, residuals, cells, tolerance)
     rougher = np.where(mask, np.clip(x + more, evidence.lower, 1), 0)
-    normal, squares, sums = np.random.default_rng(1), np.zeros(x.shape), np.zeros(trials)
-    for trial in range(trials):
+    normal, squares, sums = np.random.default_rng(1), np.zeros(x.shape), np.zeros(_TRIALS)
+    for trial in range(_TRIALS):
         true = rougher if trial % 2 else x
         pull = A * true + np.sqrt(A) * normal.standard_normal(A.shape)
         drawn = replace(evidence, pull=pull.astype(A.dtype))
         found = refit(drawn)
-        squares += (found - true) ** 2 / trials
+        squares += (found - true) ** 2 / _TRIALS
         sums[trial] = np.sum(found - true, dtype=float)
         residuals.append(_residuals(drawn, found))
     others = field_changes(evidence, prior, field, residuals[1:], cells, tolerance)
@@ -388,7 +387,7 @@ def simulated_variance(
     )
     before = LOCAL_PRIOR_DOF / LOCAL_DOF * usual
     factor = np.maximum((near + before) / np.maximum(usual + before, 1e-30), 1)
-    bias_square = max(sums.mean() ** 2 - sums.var(ddof=1) / trials, 0.0)
+    bias_square = max(sums.mean() ** 2 - sums.var(ddof=1) / _TRIALS, 0.0)
     return (pooled_variance(squares, mask) * factor).astype(x.dtype), float(bias_square)
 
 
