@@ -9,7 +9,6 @@ from blurmatte.sweep.fit.multistart import MAX_STEPS, thin_with_moments, with_pr
 from blurmatte.sweep.fit.ranking import Candidate, best_of, is_source
 from blurmatte.sweep.hypotheses import is_explained_by
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.priors import OpacityPrior
 from blurmatte.sweep.model.shape import FlatShape
 from blurmatte.sweep.model.silhouette import OPAQUE
@@ -82,7 +81,7 @@ def _larger_thin(state: State, bounds: tuple[float, float]) -> State | None:
     A small solid disc that moved far has nearly the alpha of a large one that lets light through and
     moved less. Neither becomes the other in small steps.
     """
-    starts = thin_with_moments(state, (LINE, PARABOLA))
+    starts = thin_with_moments(state)
     if not starts:
         return None
     best = best_of([minimize(one, bounds, MAX_STEPS, ROUGH_TOLERANCE) for one in starts])

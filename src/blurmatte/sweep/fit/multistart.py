@@ -266,8 +266,8 @@ def start_along(observation: Observation, family: PathFamily, path: Array, radiu
     return with_principal_axes(state)
 
 
-def thin_with_moments(state: State, families: Sequence[PathFamily]) -> list[State]:
-    """Discs that let light through, on a line, of which alpha has the moments of a fit's alpha.
+def thin_with_moments(state: State) -> list[State]:
+    """Discs that let light through, along a line, of which alpha has the moments of a fit's alpha.
 
     A disc of radius r has the variance r²/4 along each axis; an even motion of length l adds l²/12
     along its own. The sum of alpha is o π r² with the opacity o. None if that is a solid disc.
@@ -283,7 +283,7 @@ def thin_with_moments(state: State, families: Sequence[PathFamily]) -> list[Stat
     half = np.sqrt(3 * (along - across)) * axes[:, 1]
     disc = replace(DISC, camera_stretch=state.observation.camera_stretch, opacity=opacity)
     shape, line = disc.start(2 * np.sqrt(across)), _evenly(np.stack([middle - half, middle + half]))
-    starts = ((family, family.starts(line)[0]) for family in families)
+    starts = ((family, family.starts(line)[0]) for family in (LINE, PARABOLA))
     return [
         with_principal_axes(state_at(state.observation, family, path, disc, shape))
         for family, path in starts
