@@ -24,7 +24,7 @@ from blurmatte.checks import rows_columns
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting import solve
 from blurmatte.matting.case import Answer, Case
-from blurmatte.matting.hypotheses import Averaged, WeightedHypotheses, adds_light
+from blurmatte.matting.hypotheses import Averaged, WeightedHypotheses
 from blurmatte.matting.maps import PixelMaps
 from blurmatte.sweep.assess.calibration import OddsTerms
 from blurmatte.sweep.assess.model_selection import leaves_only_noise, odds_terms
@@ -73,7 +73,8 @@ class _Watched(Averaged):
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """As that of `Averaged`."""
-        if not adds_light(case):
+        known = case.hypotheses
+        if known is None or known.best.silhouette.opacity > 0:
             self.found.append(WeightedHypotheses.of(case.fitted or case, without_shape=True))
         return super().answer(case, out)
 

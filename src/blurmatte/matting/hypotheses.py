@@ -51,6 +51,7 @@ from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.calibration import OddsTerms
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
+    Hypotheses,
     hypothesis_probabilities,
     hypothesis_scores,
     hypothesis_weights,
@@ -260,8 +261,9 @@ class Swept(Solver):
 
     def answer(self, case: Case, out: PixelMaps | None) -> Answer:
         """Average the hypotheses about a case; of an object that hides nothing, its light."""
-        if adds_light(case):
-            return answer_of_light(case, out, Swept())
+        found = case.hypotheses
+        if found is not None and found.best.silhouette.opacity == 0:
+            return _answer_of_light(case, found, out)
         return _averaged(case, out, self.with_shapeless)
 
     def without_plate_changes(self) -> "Swept":
@@ -476,21 +478,14 @@ def _known_alpha(case: Case, maps: PixelMaps) -> tuple[Array, Array, float]:
     return np.where(known, maps.alpha, 0), np.where(known, std, 0), sums.alpha_scale_std
 
 
-def adds_light(case: Case) -> bool:
-    """Whether the likeliest object of a case hides nothing."""
-    found = case.hypotheses
-    return found is not None and found.best.silhouette.opacity == 0
-
-
-def answer_of_light(case: Case, out: PixelMaps | None, solver: Solver) -> Answer:
+def _answer_of_light(case: Case, found: Hypotheses, out: PixelMaps | None) -> Answer:
     """Light and errors of an object that hides nothing.
 
     The light of a clipped pixel is the least that it may be, and its error as large.
 
     out: arrays to write to.
     """
-    assert case.hypotheses is not None
-    sweep, size = case.hypotheses.best, case.image.size
+    sweep, size = found.best, case.image.size
     maps = PixelMaps.zeros(*size[::-1], case.image.rgb.dtype) if out is None else out
     for values in maps[:4]:
         values[...] = 0
@@ -510,7 +505,7 @@ def answer_of_light(case: Case, out: PixelMaps | None, solver: Solver) -> Answer
         target[inside] = values[inside]
     of_streak = error[inside & (chi > MIN_ALPHA)]
     alpha_error = float(np.sqrt(np.mean(of_streak**2))) if of_streak.size else 0.0
-    grade, untried = grade_of(alpha_error, 0.0), case.hypotheses.untried
+    grade, untried = grade_of(alpha_error, 0.0), found.untried
     because = () if grade is Grade.CONFIRMED else ("opacity",)
     if untried:
         because = ("time", *because)
@@ -525,13 +520,5 @@ def answer_of_light(case: Case, out: PixelMaps | None, solver: Solver) -> Answer
         alpha_error=alpha_error,
         untried=untried,
     )
-    return Answer(
-        maps,
-        sweep.model,
-        maps.solved,
-        stats,
-        solver,
-        locates=True,
-        assumes="",
-        separates_shadow=True,
-    )
+    shown = maps, sweep.model, maps.solved, stats
+    return Answer(*shown, Swept(), locates=True, assumes="", separates_shadow=True)
