@@ -48,12 +48,7 @@ class PixelPairs:
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """C, B and their variances, without those of the plate's edges."""
-        return self.image.rgb, self.plate.rgb, self.image.variance, self.plate.variance
-
-    @property
-    def with_edges(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """C, B and their variances."""
+        """C, B and their variances, with those of the plate's edges."""
         return self.image.rgb, self.plate.rgb, self.image.variance, self.wide.variance
 
 
@@ -122,7 +117,7 @@ def evidence_of(pixels: PixelPairs, alpha: Floats) -> tuple[Floats, Floats]:
     """
     model, mixed, use = pixels.model, pixels.mixed, pixels.use
     if model.rank == 3:
-        C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.with_edges)
+        C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.arrays)
         return _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
     information, pull = np.zeros((2, *use.shape), pixels.image.rgb.dtype)
     N = np.ascontiguousarray(model.normals)
@@ -209,9 +204,7 @@ def min_alpha(pixels: PixelPairs, noise_inflation: float) -> Floats:
     `noise_inflation` is the factor by which correlation of noise raises the variance of sums.
     """
     std_px = 2.0
-    C, B, V_C, V_B = (
-        scipy.ndimage.gaussian_filter(a, (std_px, std_px, 0)) for a in pixels.with_edges
-    )
+    C, B, V_C, V_B = (scipy.ndimage.gaussian_filter(a, (std_px, std_px, 0)) for a in pixels.arrays)
     noise = np.sqrt((V_C + V_B) * noise_inflation / (4 * np.pi * std_px**2))
     bound = np.max(1 - (C + 3.0 * noise) / np.maximum(B, 1e-9), axis=-1)
     return np.where(pixels.use & (bound > 0), bound, -np.inf)
@@ -243,7 +236,7 @@ def noise_inflation(pixels: PixelPairs, alpha: Floats) -> float:
 
 def _around_streak(pixels: PixelPairs) -> float:
     """Noise inflation from the difference of image and plate."""
-    C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
+    C, B, V_C, V_B = (a[pixels.use] for a in pixels.arrays)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
     e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, VARIANCE_FLOOR))
     squares = block_squares(e, pixels.use, BLOCK).ravel()
@@ -259,7 +252,7 @@ def _within_streak(pixels: PixelPairs, alpha: Floats, inside: Bools) -> float:
 
     def rows(strip: slice) -> None:
         """Write (l × B)·C and its variance of some rows."""
-        C, B, V_C, V_B = (a[strip] for a in pixels.with_edges)
+        C, B, V_C, V_B = (a[strip] for a in pixels.arrays)
         through, m = 1 - np.asarray(alpha[strip], float)[..., None], np.cross(l, B)
         both = m * C, m**2 * (V_C + through**2 * V_B)
         rest[:, strip] = [np.where(inside[strip], x.sum(axis=-1), 0) for x in both]

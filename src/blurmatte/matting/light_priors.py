@@ -96,7 +96,7 @@ def _along_line(first: FirstEstimate) -> tuple[Floats, Floats, Floats, Floats]:
 
     def rows(strip: slice) -> None:
         """Fill some rows."""
-        C, B, V_C, V_B = (a[strip] for a in first.pixels.with_edges)
+        C, B, V_C, V_B = (a[strip] for a in first.pixels.arrays)
         m = l / (V_C + (1 - np.asarray(first.alpha[strip], float)[..., None]) ** 2 * V_B)
         variance = 1 / (m @ l)
         m *= variance[..., None]
@@ -165,7 +165,7 @@ def with_mixture(
     """
     pixels, kind = first.pixels, information.dtype
     M, inside = pixels.model.basis, pixels.inside
-    C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.with_edges)
+    C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.arrays)
     q, b = ((C - B) * pixels.use[..., None]) @ M, B @ M
     V = first.noise_factor * (V_C + (1 - first.alpha[..., None]) ** 2 * V_B) @ M**2
     alpha = np.clip(first.alpha, 0, 1).astype(float)

@@ -373,7 +373,7 @@ def rounding_pulls(
     if codes is None or transfer is None or pixels.model.rank == 3:
         return []
     kind = pixels.image.rgb.dtype
-    _, B, V_C, V_B = pixels.with_edges
+    _, B, V_C, V_B = pixels.arrays
     if pixels.coarse is not None:
         B = pixels.coarse
     N, color = pixels.model.normals, np.linalg.inv(YCBCR)
