@@ -23,23 +23,6 @@ def _covariance(N, i, j, V):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(inline="always", fastmath=FAST_MATH)
-def _weighted(b, d, s, v, t, lines):  # type: ignore[no-untyped-def]
-    """Information and pull of the equations d = α b of covariance s; t² v of it is the plate's."""
-    (b0, b1), (d0, d1), (s00, s01, s11), (v00, v01, v11) = b, d, s, v
-    det = s00 * s11 - s01 * s01
-    q00, q01, q11 = s11 / det, -s01 / det, s00 / det
-    A = b0 * b0 * q00 + 2 * b0 * b1 * q01 + b1 * b1 * q11
-    p = b0 * d0 * q00 + (b0 * d1 + b1 * d0) * q01 + b1 * d1 * q11
-    weight = 1.0
-    if lines == 2:
-        total = d0 * d0 * q00 + 2 * d0 * d1 * q01 + d1 * d1 * q11
-        chi2 = max(total - p * p / max(A, 1e-30), 0.0)
-        weight = (STUDENT_DOF + 1) / (STUDENT_DOF + chi2)
-    bias = v00 * q00 + 2 * v01 * q01 + v11 * q11
-    return weight * A, weight * (p - t * bias)
-
-
 @njit(fastmath=FAST_MATH)
 def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore[no-untyped-def]
     """Write the information A of each pixel of the mask, and its pull, A times its own alpha.
@@ -66,11 +49,19 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
                 b1, d1 = _across(N, 1, (B0, B1, B2)), _across(N, 1, difference)
                 v01, v11 = _covariance(N, 0, 1, V), _covariance(N, 1, 1, V)
                 s01, s11 = _covariance(N, 0, 1, S), _covariance(N, 1, 1, S)
-            b = _across(N, 0, (B0, B1, B2)), b1
-            d = _across(N, 0, difference), d1
-            s = _covariance(N, 0, 0, S), s01, s11
-            v = _covariance(N, 0, 0, V), v01, v11
-            information[y, x], pull[y, x] = _weighted(b, d, s, v, t, lines)
+            b0, d0 = _across(N, 0, (B0, B1, B2)), _across(N, 0, difference)
+            s00, v00 = _covariance(N, 0, 0, S), _covariance(N, 0, 0, V)
+            det = s00 * s11 - s01 * s01
+            q00, q01, q11 = s11 / det, -s01 / det, s00 / det
+            A = b0 * b0 * q00 + 2 * b0 * b1 * q01 + b1 * b1 * q11
+            p = b0 * d0 * q00 + (b0 * d1 + b1 * d0) * q01 + b1 * d1 * q11
+            weight = 1.0
+            if lines == 2:
+                total = d0 * d0 * q00 + 2 * d0 * d1 * q01 + d1 * d1 * q11
+                chi2 = max(total - p * p / max(A, 1e-30), 0.0)
+                weight = (STUDENT_DOF + 1) / (STUDENT_DOF + chi2)
+            bias = v00 * q00 + 2 * v01 * q01 + v11 * q11
+            information[y, x], pull[y, x] = weight * A, weight * (p - t * bias)
 
 
 @njit()
