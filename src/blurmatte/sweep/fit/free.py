@@ -283,6 +283,7 @@ class _System:
     problem: _Problem
     spread: tuple[Ints, Array]
     free: Bools  # (k, l) cells that no bound holds
+    number: Ints  # (k, l) of these, −1 of others
     data: Array  # (f, f) float: curvature of the loss by free cells
     factor: tuple[Array, bool]  # of the whole curvature by free cells
     mixed: Array  # (p, f) float: curvature by path and color, and free cells
@@ -324,7 +325,7 @@ class _System:
         factor = scipy.linalg.cho_factor(whole, lower=True) if count else (whole, True)
         flat = weighted.reshape(n + 3, -1)
         return cls(
-            problem, spread, free, data, factor, np.array([m[free] for m in mixed]),
+            problem, spread, free, number, data, factor, np.array([m[free] for m in mixed]),
             flat @ J.reshape(n + 3, -1).T, flat @ e.ravel(), pull[free], np.array(slopes),
         )  # fmt: skip
 
@@ -385,9 +386,8 @@ class _System:
         count = len(self.data)
         if not count:
             return 0.0
-        number = np.where(self.free, np.cumsum(self.free).reshape(self.free.shape) - 1, -1)
         ones = np.ones(self.problem.observation.weight.shape)
-        overlap = kernel.normal_matrix(ones, *self.spread, number, count)
+        overlap = kernel.normal_matrix(ones, *self.spread, self.number, count)
         inverse = scipy.linalg.cho_solve(self.factor, np.eye(count))
         variance = float((inverse * overlap).sum())
         solved = self.solved(self.mixed)
