@@ -143,8 +143,13 @@ class ColorField:
     def light(self, alpha: Array) -> Array:
         """(h, w, 3) of the object: alpha times its color."""
         P = np.zeros((*alpha.shape, 3))
-        color_field_kernel.light(alpha, self.grid.pitch, self.grid.number, self.colors, P)
-        return P
+        y, x = np.nonzero(alpha > 0)
+        (v, j), (u, i) = (np.modf(at / self.grid.pitch) for at in (y, x))
+        for down, right in np.ndindex(2, 2):
+            node = self.grid.number[j.astype(int) + down, i.astype(int) + right]
+            hat = np.abs(1 - down - v) * np.abs(1 - right - u)
+            P[y, x] += hat[:, None] * self.colors[node]
+        return P * alpha[..., None]
 
     def information(
         self, J: Array, light: Light, alpha: Array, weight: Array, e: Array

@@ -1,4 +1,4 @@
-"""The field of colors, compiled: its nodes, their normal equations and fit, and its light.
+"""The field of colors, compiled: its nodes, their normal equations and fit.
 
 In this file `number` (rows, columns) has the number of each node of a grid of `pitch` pixels, −1 for
 places without a node; the nodes lie in the corners of its cells, the first in pixel (0, 0). A symmetric
@@ -71,17 +71,6 @@ def squared_differences(neighbors, stiffness, width, n):  # type: ignore[no-unty
         band[0, j] += weight
         band[j - i, i] -= weight
     return band
-
-
-@njit()
-def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
-    """Write the four nodes around a pixel, and the values of their hats."""
-    j, i = int(y / pitch), int(x / pitch)
-    v, u = y / pitch - j, x / pitch - i
-    nodes[0], nodes[1] = number[j, i], number[j, i + 1]
-    nodes[2], nodes[3] = number[j + 1, i], number[j + 1, i + 1]
-    hats[0], hats[1] = (1 - v) * (1 - u), (1 - v) * u
-    hats[2], hats[3] = v * (1 - u), v * u
 
 
 @njit()
@@ -167,22 +156,6 @@ def _add(first, nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-
                 for j in range(i + 1):
                     node, other = nodes[m, i], nodes[m, j]
                     band[c, abs(node - other), min(node, other)] += known[i, j]
-
-
-@njit()
-def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
-    """Write alpha times the color to P (h, w, 3)."""
-    nodes, hats = np.empty(4, np.int64), np.empty(4)
-    for y in range(alpha.shape[0]):
-        for x in range(alpha.shape[1]):
-            a = alpha[y, x]
-            if a > 0:
-                corners(y, x, pitch, number, nodes, hats)
-                for c in range(3):
-                    k = 0.0
-                    for i in range(4):
-                        k += hats[i] * colors[nodes[i], c]
-                    P[y, x, c] = a * k
 
 
 @njit(fastmath=FAST_MATH)
