@@ -168,6 +168,15 @@ def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
     assert candidate.parameters == candidate.state.size
 
 
+def test_what_is_known_of_a_candidate_besides_its_light_is_kept():
+    """invariant"""
+    known = Candidate(fitted(SCENE), opacity_std=0.1, even_opacity_std=0.2, unresolved=3.0)
+    corrected = candidate_before_file(known, SRGB)
+    assert corrected.state is not known.state
+    assert (corrected.opacity_std, corrected.even_opacity_std) == (0.1, 0.2)
+    assert corrected.unresolved == 3
+
+
 def test_candidates_without_chroma_subsampling_are_unchanged():
     """invariant"""
     state = fitted(camera=CAMERA)

@@ -90,8 +90,7 @@ def candidate_before_file(candidate: Candidate, transfer: Transfer) -> Candidate
     if known or (state.silhouette.has("blur") and colors_are_correlated(state)):
         blur = chroma_blur_std(state)
         state = corrected_for_file(state, transfer)
-    errors = candidate.opacity_std, candidate.even_opacity_std
-    return Candidate(state, candidate.cast, blur, *errors)
+    return replace(candidate, state=state, chroma_blur=blur)
 
 
 def corrected_for_file(state: State, transfer: Transfer) -> State:
