@@ -10,10 +10,10 @@ from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.case import grown_mask
 from blurmatte.matting.evidence import (
-    evidence_of,
+    information_of,
     min_alpha,
-    noise_inflation,
     pixels_of,
+    sum_inflation,
     without_fine_structure,
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -46,7 +46,7 @@ def test_clipped_and_outside_pixels_have_no_information():
     clipped[25:28, 33:36] = True
     image = LinearImage(image.rgb, NOISE, ~clipped)
     for model in (MODEL, ColorModel.any()):
-        information, pull = evidence_of(pixels_of(image, plate, model, inside), np.zeros(SHAPE))
+        information, pull = information_of(pixels_of(image, plate, model, inside), np.zeros(SHAPE))
         assert np.all(information[clipped | ~inside] == 0)
         assert np.all(pull[clipped | ~inside] == 0)
         assert np.all(information >= 0)
@@ -60,7 +60,7 @@ def test_error_of_many_pixels_is_their_scatter(model):
     for seed in range(40):
         noise = np.random.default_rng(seed).normal(0, STD, (*SHAPE, 3))
         image, plate, inside = still(noise)
-        information, pull = evidence_of(pixels_of(image, plate, model, inside), np.zeros(SHAPE))
+        information, pull = information_of(pixels_of(image, plate, model, inside), np.zeros(SHAPE))
         scores.append(pull.sum() / np.sqrt(information.sum()))
     assert abs(np.mean(scores)) < 0.4
     assert 0.8 < np.std(scores) < 1.25
@@ -79,11 +79,11 @@ def test_missing_fine_structure_does_not_bias_alpha():
         sure = LinearImage(plate, NoiseModel(read_std=1e-6))
         return pixels_of(LinearImage(light, noise), sure, PLANE, inside)
 
-    information, pull = evidence_of(without_fine_structure(pixels(0)), alpha)
+    information, pull = information_of(without_fine_structure(pixels(0)), alpha)
     assert_allclose(pull, information * alpha, rtol=1e-6, atol=1e-6 * information.max())
 
     def bias(given):
-        information, pull = evidence_of(given, np.full(SHAPE, 0.4))
+        information, pull = information_of(given, np.full(SHAPE, 0.4))
         return abs(pull.sum() / (information * alpha).sum() - 1)
 
     assert bias(without_fine_structure(pixels(0.5))) < bias(pixels(0.5)) / 2
@@ -131,8 +131,8 @@ def test_correlated_noise_reduces_information(where):
         image, plate, inside, noise = patch(seed, where)
         nothing = np.zeros(inside.shape)
         pixels = pixels_of(image, plate, MODEL, inside)
-        information, pull = evidence_of(pixels, nothing)
-        factors.append(noise_inflation(pixels, nothing))
+        information, pull = information_of(pixels, nothing)
+        factors.append(sum_inflation(pixels, nothing))
         scores.append(pull.sum() / np.sqrt(information.sum() * factors[-1]))
     blocks = variance_inflation(noise / STD, inside)[:, 2].mean()
     assert_allclose(np.mean(factors), blocks, rtol=0.25)
@@ -142,7 +142,7 @@ def test_correlated_noise_reduces_information(where):
 def test_independent_noise_keeps_information():
     for seed in range(8):
         image, plate, inside, _ = patch(seed, "nowhere")
-        assert noise_inflation(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
+        assert sum_inflation(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
 
 
 def test_noise_of_rank_2_does_not_depend_on_the_crop():
@@ -156,7 +156,7 @@ def test_noise_of_rank_2_does_not_depend_on_the_crop():
             given = LinearImage((plate.rgb + stronger)[y:, x:], NOISE)
             place = x, y, *plate.size
             pixels = pixels_of(given, plate.crop(place), PLANE, inside[y:, x:])
-            cut.append(noise_inflation(pixels, np.zeros(pixels.inside.shape)))
+            cut.append(sum_inflation(pixels, np.zeros(pixels.inside.shape)))
         assert_allclose(cut, cut[0], rtol=0.03)
         factors.append(cut[0])
         blocks.append(1.5**2 * variance_inflation(noise / STD, ~inside)[:, 2].mean())
@@ -174,7 +174,7 @@ def test_smooth_alpha_of_rank_2_does_not_inflate_noise():
         given = LinearImage(light * ORANGE + (1 - light) * plate.rgb + noise, NOISE)
         pair = [pixels_of(picture, plate, PLANE, inside) for picture in (given, image)]
         with_it, without = (
-            noise_inflation(pixels, a)
+            sum_inflation(pixels, a)
             for pixels, a in zip(pair, (light[..., 0], 0 * alpha), strict=True)
         )
         assert with_it <= most * without
@@ -188,7 +188,7 @@ def test_slightly_wrong_color_hardly_inflates_noise():
         alpha = 0.5 * inside
         light = alpha[..., None] * color + (1 - alpha[..., None]) * image.rgb
         given = LinearImage(light, NOISE)
-        assert noise_inflation(pixels_of(given, plate, MODEL, inside), alpha) <= most
+        assert sum_inflation(pixels_of(given, plate, MODEL, inside), alpha) <= most
 
 
 def test_mask_grows_to_parts_fainter_than_noise():

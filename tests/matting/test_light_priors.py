@@ -9,7 +9,7 @@ from tests.scenes import photographed, rendered
 
 from blurmatte.color.model import ColorModel
 from blurmatte.matting import Smooth, solve
-from blurmatte.matting.evidence import FirstEstimate, evidence_of, pixels_of
+from blurmatte.matting.evidence import FirstEstimate, information_of, pixels_of
 from blurmatte.matting.light_priors import _along_line, with_brightness, with_mixture
 from blurmatte.metrics import calibration
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -42,7 +42,7 @@ def evidence_at(alpha, seed=0, brightness=1.0, plate=None, std=STD):
     image = LinearImage(C + rng.normal(0, std, C.shape), NoiseModel(read_std=std))
     pixels = pixels_of(image, LinearImage(B, np.full(B.shape, 1e-12)), MODEL, np.ones(SHAPE, bool))
     near = np.full(SHAPE, float(np.mean(alpha)))
-    return FirstEstimate(pixels, near, np.full(SHAPE, 0.01), 1.0), evidence_of(pixels, near)
+    return FirstEstimate(pixels, near, np.full(SHAPE, 0.01), 1.0), information_of(pixels, near)
 
 
 def test_light_before_black_determines_alpha():
@@ -164,7 +164,7 @@ def evidence_of_mixture(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
     )
     near = np.where(alpha > 0, alpha, wrong)
     variance = np.where(alpha > 0, 1e-4, wrong**2)
-    return alpha, FirstEstimate(pixels, near, variance, 1.0), evidence_of(pixels, near)
+    return alpha, FirstEstimate(pixels, near, variance, 1.0), information_of(pixels, near)
 
 
 def test_light_of_one_mixture_determines_alpha_without_an_equation():

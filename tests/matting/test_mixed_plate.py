@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.matting.evidence import _at_edges, evidence_of, pixels_of
+from blurmatte.matting.evidence import _at_edges, information_of, pixels_of
 from blurmatte.matting.special_pixels import MixedPlate, mixed_plate, solve_mixed_plate
 
 SHAPE = (64, 80)
@@ -105,7 +105,7 @@ def test_without_edges_the_evidence_is_that_of_the_closed_form():
     flat = replace(image, noise=np.full(image.rgb.shape, 0.004**2))
     everywhere = np.ones(SHAPE, bool)
     pixels = pixels_of(flat, plate, LINE, everywhere)
-    plain, matrix = evidence_of(pixels, ALPHA), _at_edges(mixed, pixels, ALPHA)
+    plain, matrix = information_of(pixels, ALPHA), _at_edges(mixed, pixels, ALPHA)
     for one, other in zip(plain, matrix, strict=True):
         assert np.allclose(one[edges], other, rtol=1e-5)
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color.model import ColorModel
-from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.evidence import information_of, pixels_of
 from blurmatte.matting.smooth import rounding_pulls
 from blurmatte.matting.smooth_field import BORDER, CellEvidence
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
@@ -36,7 +36,7 @@ def pictures(plate):
 def evidence_in_levels(model, image, plate, levels=1):
     """Pixels, and their evidence, alone and in larger cells."""
     pixels = pixels_of(image, plate, model, ALPHA > 0.01)
-    maps = *evidence_of(pixels, ALPHA), pixels.inside, np.zeros(ALPHA.shape)
+    maps = *information_of(pixels, ALPHA), pixels.inside, np.zeros(ALPHA.shape)
     own = CellEvidence(*(np.pad(m, BORDER) for m in maps))
     cells = [own]
     for _ in range(levels - 1):
@@ -53,7 +53,7 @@ def test_stated_rounding_error_of_sums_is_calibrated(model):
         color = rng.uniform((0.1, 0.3, 0.1), (0.2, 0.5, 0.3))
         image, plate = pictures(np.broadcast_to(color, (*SHAPE, 3)))
         pixels, levels = evidence_in_levels(model, image, plate)
-        information, pull = evidence_of(pixels, ALPHA)
+        information, pull = information_of(pixels, ALPHA)
         off = np.sum(pull - information * ALPHA * pixels.use)
         drawn = [p.sum() for p in rounding_pulls(pixels, ALPHA, levels)]
         scores.append(off / np.std(drawn))

@@ -15,8 +15,8 @@ from blurmatte.matting.summary import (
     Alternative,
     StreakSums,
     known_alpha,
-    listed,
     mean_light,
+    ordered,
     with_mean_light,
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -97,14 +97,14 @@ def test_alternatives_are_sorted_by_weight():
            with_weight("b", 0.2)]  # fmt: skip
     weights = np.array([one.weight for one in few])
     for order in ([0, 1, 2, 3], [3, 2, 1, 0]):
-        found = listed([few[i] for i in order], weights[order], order.index(1))
+        found = ordered([few[i] for i in order], weights[order], order.index(1))
         assert [one.name for one in found] == ["a", "b", "c", "d"]
 
 
 def test_the_alternative_of_the_result_is_the_first():
     """exact: though another has a larger weight"""
     few = [with_weight("a", 0.3), with_weight("b", 0.25), with_weight("c", 0.45)]
-    found = listed(few, np.array([0.3, 0.25, 0.45]), 0)
+    found = ordered(few, np.array([0.3, 0.25, 0.45]), 0)
     assert [one.name for one in found] == ["a", "c", "b"]
 
 
@@ -114,13 +114,13 @@ def test_alternatives_of_no_weight_are_listed_if_they_disagree():
     agreeing = with_weight("agrees", little)
     scaled = with_weight("scaled", little, 1.3)
     elsewhere = replace(with_weight("elsewhere", little), alpha_difference=0.1)
-    found = listed([ONE, agreeing, scaled, elsewhere], np.array([1, little, little, little]), 0)
+    found = ordered([ONE, agreeing, scaled, elsewhere], np.array([1, little, little, little]), 0)
     assert [one.name for one in found] == [ONE.name, "scaled", "elsewhere"]
 
 
 def test_at_most_five_alternatives_are_listed():
     weights = np.linspace(0.2, 0.1, 9)
-    found = listed([with_weight(str(i), 0.1) for i in range(9)], weights, 0)
+    found = ordered([with_weight(str(i), 0.1) for i in range(9)], weights, 0)
     assert [one.name for one in found] == [str(i) for i in range(MAX_ALTERNATIVES)]
 
 

@@ -19,7 +19,7 @@ from blurmatte.background import Match
 from blurmatte.checks import Array, Bools, Box, Codes8, enclosing, rows_columns
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadows import MARGIN_PX
-from blurmatte.matting.evidence import evidence_of, noise_inflation, pixels_of
+from blurmatte.matting.evidence import information_of, pixels_of, sum_inflation
 from blurmatte.matting.maps import PixelMaps, Quality
 from blurmatte.matting.special_pixels import NearPictures, mixed_plate
 from blurmatte.matting.stats import SolutionStats
@@ -264,8 +264,8 @@ def grown_mask(streak: Streak, image: LinearImage, plate: LinearImage, model: Co
     if model.rank < 3:
         nothing = np.zeros(near.shape)
         pixels = pixels_of(image.crop(box), plate.crop(box), model, near)
-        evidence = evidence_of(pixels, nothing)
-        inflation = noise_inflation(pixels, nothing)
+        evidence = information_of(pixels, nothing)
+        inflation = sum_inflation(pixels, nothing)
         window = max(_RELATIVE_WINDOW * half_width, 1.0)
         information, pull = (scipy.ndimage.gaussian_filter(e, window) for e in evidence)
         averaged = 4 * np.pi * window**2 / inflation  # effective number of independent pixels

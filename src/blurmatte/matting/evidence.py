@@ -32,7 +32,7 @@ from blurmatte.statistics import (
 
 @dataclass(frozen=True, eq=False)
 class PixelPairs:
-    """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`.
+    """Light and noise of image and plate, as `information_of` needs them; made by `pixels_of`.
 
     Pictures and no `PixelBox`: light stays in its own dtype, and clipped channels remain known.
     """
@@ -106,10 +106,10 @@ def pixels_of(
     return PixelPairs(plain(image, V_C), plate, model, inside, use, mixed, wide)
 
 
-def evidence_of(pixels: PixelPairs, alpha: Floats) -> tuple[Floats, Floats]:
+def information_of(pixels: PixelPairs, alpha: Floats) -> tuple[Floats, Floats]:
     """Information and pull (h, w) of each pixel, both 0 where it is clipped or not inside.
 
-    The noise of pixels counts as independent (see `noise_inflation`). For a line or plane of colors
+    The noise of pixels counts as independent (see `sum_inflation`). For a line or plane of colors
     from the closed form; for a model of rank 3 from the attenuation of the plate's texture.
 
     alpha (h, w) is an estimate independent of the pixel's noise, since the plate's noise is weighted
@@ -196,21 +196,21 @@ def _of_texture(
     return sums(max(float(np.mean(excess)), 0.0) if excess else 0.0)
 
 
-def min_alpha(pixels: PixelPairs, noise_inflation: float) -> Floats:
+def min_alpha(pixels: PixelPairs, sum_inflation: float) -> Floats:
     """Lower bound of alpha, (h, w), since the light of an object is not negative; −∞ without one.
 
     In no channel (1 − α) B can exceed C. The light is averaged with a Gaussian of 2 pixels and C raised
     by three standard deviations, so that the bound is negligible where there was no object.
-    `noise_inflation` is the factor by which correlation of noise raises the variance of sums.
+    `sum_inflation` is the factor by which correlation of noise raises the variance of sums.
     """
     std_px = 2.0
     C, B, V_C, V_B = (scipy.ndimage.gaussian_filter(a, (std_px, std_px, 0)) for a in pixels.arrays)
-    noise = np.sqrt((V_C + V_B) * noise_inflation / (4 * np.pi * std_px**2))
+    noise = np.sqrt((V_C + V_B) * sum_inflation / (4 * np.pi * std_px**2))
     bound = np.max(1 - (C + 3.0 * noise) / np.maximum(B, 1e-9), axis=-1)
     return np.where(pixels.use & (bound > 0), bound, -np.inf)
 
 
-def noise_inflation(pixels: PixelPairs, alpha: Floats) -> float:
+def sum_inflation(pixels: PixelPairs, alpha: Floats) -> float:
     """Factor by which correlation raises the variance of sums of noise over blocks, 1 or more.
 
     Around the streak it follows from the difference of image and plate. Within the streak, compression
@@ -218,7 +218,7 @@ def noise_inflation(pixels: PixelPairs, alpha: Floats) -> float:
     (l × B)·C = 0. For a plane it follows from the fine structure of the pixels' alpha, compared with
     that around the streak. If noise around the streak is independent, it is assumed so within:
     otherwise true fine structure of alpha would count as noise. The parameters are those of
-    `evidence_of`.
+    `information_of`.
     """
     valid = pixels.image.valid & pixels.plate.valid
     still = replace(pixels, inside=~pixels.inside, use=valid & ~pixels.inside)
@@ -226,11 +226,11 @@ def noise_inflation(pixels: PixelPairs, alpha: Floats) -> float:
         return max(_around_streak(still), _within_streak(pixels, alpha, valid & pixels.inside))
     if pixels.model.rank == 3:
         return _around_streak(still)
-    of_alpha = evidence_of(still, np.zeros(alpha.shape))
+    of_alpha = information_of(still, np.zeros(alpha.shape))
     inflation = _of_alpha(*of_alpha, still.use)
     if inflation == 1:
         return inflation
-    within, around = (_fine_structure(*e) for e in (evidence_of(pixels, alpha), of_alpha))
+    within, around = (_fine_structure(*e) for e in (information_of(pixels, alpha), of_alpha))
     return inflation * max(within / around, 1.0)
 
 

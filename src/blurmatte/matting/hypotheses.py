@@ -45,7 +45,7 @@ from blurmatte.matting.object_light import inpaint_light
 from blurmatte.matting.pixelwise import closed_form
 from blurmatte.matting.smooth import Smooth, posterior_variance
 from blurmatte.matting.stats import SolutionStats, SweepSummary
-from blurmatte.matting.summary import Alternative, listed, streak_sums
+from blurmatte.matting.summary import Alternative, ordered, streak_sums
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import dilated
 from blurmatte.sweep.assess.calibration import OddsTerms
@@ -227,7 +227,7 @@ class WeightedHypotheses:
             for one, weight, estimate in zip(self.all, self.weights, self.estimates, strict=True)
             if one.has_shape or not gray
         ]
-        return listed(found, self.weights[: len(found)], 0 if gray else self._index_of_best)
+        return ordered(found, self.weights[: len(found)], 0 if gray else self._index_of_best)
 
 
 @dataclass(frozen=True)

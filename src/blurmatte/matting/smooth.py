@@ -28,10 +28,10 @@ from blurmatte.matting.case import Answer, Case, Solver
 from blurmatte.matting.evidence import (
     FirstEstimate,
     PixelPairs,
-    evidence_of,
+    information_of,
     min_alpha,
-    noise_inflation,
     pixels_of,
+    sum_inflation,
     without_fine_structure,
 )
 from blurmatte.matting.evidence_kernel import add_rounded
@@ -188,8 +188,8 @@ class Smooth(Solver):
 
     def _fit(self, pixels: PixelPairs) -> SmoothFit:
         """Fit alpha, from a first estimate to the finest level."""
-        near = _smoothed_alpha(evidence_of(pixels, np.zeros(pixels.inside.shape)))
-        inflation, rank = noise_inflation(pixels, near), pixels.model.rank
+        near = _smoothed_alpha(information_of(pixels, np.zeros(pixels.inside.shape)))
+        inflation, rank = sum_inflation(pixels, near), pixels.model.rank
         # Texture has little information: with the full inflation alpha is smooth, certain, and wrong.
         power = 1.0 if rank < 3 else _TEXTURE_NOISE_POWER
         noise_factor = inflation**power
@@ -200,7 +200,7 @@ class Smooth(Solver):
             rank == 2
         ):  # of a line, alpha is more accurate than this bound, which needs neighborhoods
             lower = min_alpha(pixels, inflation)
-        own = _bordered(*evidence_of(pixels, near), pixels.inside, lower)
+        own = _bordered(*information_of(pixels, near), pixels.inside, lower)
         levels = own.weaker(noise_factor).levels(_MAX_COARSE_CELLS)
         coarse = _choose_priors(levels)
         prior, field = coarse[-1]
@@ -446,7 +446,7 @@ def _with_neighbors(
 ) -> tuple[CellEvidence, Floats]:
     """Evidence given an alpha and its variance, with the prior on light; and the shared variance."""
     near = np.clip(alpha, 0, 1)
-    information, pull = (values / noise_factor for values in evidence_of(pixels, near))
+    information, pull = (values / noise_factor for values in information_of(pixels, near))
     shared = np.zeros_like(information)
     first = FirstEstimate(pixels, near, variance, noise_factor)
     if pixels.model.rank == 1:

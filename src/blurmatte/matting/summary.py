@@ -192,7 +192,7 @@ class Alternative:
         return self.alpha_difference > error or abs(self.alpha_factor - 1) > scale
 
 
-def listed(alternatives: Sequence[Alternative], weights: Array, own: int) -> list[Alternative]:
+def ordered(alternatives: Sequence[Alternative], weights: Array, own: int) -> list[Alternative]:
     """That of the result, and those that matter or disagree with it, in order of weights (n,)."""
     others = [i for i in np.argsort(-weights, kind="stable") if i != own]
     kept = [alternatives[own]]

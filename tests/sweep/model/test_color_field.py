@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from tests.banded import dense
 
 from blurmatte.color.model import ColorModel
-from blurmatte.sweep.model.color_field import ColorPrior, Grid, fit_field, stiffness_of
+from blurmatte.sweep.model.color_field import ColorPrior, Grid, fit_colors, stiffness_of
 from blurmatte.sweep.model.student_t import student_weight
 
 SHAPE = 17, 22
@@ -109,7 +109,7 @@ def test_a_constant_color_is_recovered(prior):
     """exact without noise, up to shrinkage to the mean, which is the color itself."""
     color = np.array([0.5, 0.2, 0.35])
     light, alpha = colored(np.broadcast_to(color, (*SHAPE, 3)))
-    field, e = fit_field(light, alpha, np.ones(SHAPE), PITCH, prior)
+    field, e = fit_colors(light, alpha, np.ones(SHAPE), PITCH, prior)
     assert_allclose(field.mean, color, rtol=1e-6)
     assert_allclose(field.colors, np.broadcast_to(color, field.colors.shape), rtol=1e-6)
     assert np.abs(e).max() < 1e-3
@@ -121,7 +121,7 @@ def test_a_color_gradient_is_recovered():
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     k = np.stack([0.5 + 0.01 * y, 0.6 - 0.01 * x, 0.4 + 0 * x], axis=2)
     light, alpha = colored(k)
-    field, e = fit_field(light, alpha, np.ones(SHAPE), PITCH, FREE)
+    field, e = fit_colors(light, alpha, np.ones(SHAPE), PITCH, FREE)
     assert_allclose(field.light(alpha), alpha[..., None] * k, atol=5e-4)
     assert np.sqrt(np.mean(e**2)) < 0.5
 
@@ -129,7 +129,7 @@ def test_a_color_gradient_is_recovered():
 def test_residuals_are_those_of_the_colors():
     light, alpha, weight = picture()
     C, B, V_C, V_B = light
-    field, fitted = fit_field(light, alpha, weight, PITCH, FREE)
+    field, fitted = fit_colors(light, alpha, weight, PITCH, FREE)
     k = (hats(alpha, field.grid) @ field.colors).reshape(*SHAPE, 3)
     through = (1 - alpha)[..., None]
     e = (C - through * B - alpha[..., None] * k) / np.sqrt(V_C + through**2 * V_B)
@@ -144,7 +144,7 @@ def test_prior_and_cost_are_those_of_a_gaussian_field():
     light, alpha = colored(np.full((*SHAPE, 3), 0.4), noise=1e-3)
     V = 1e6 * light[2]  # residuals of 0: the weight of every pixel is that of no residual
     light = light[0], light[1], V, V
-    field, _ = fit_field(light, alpha, np.ones(SHAPE), PITCH, FREE)
+    field, _ = fit_colors(light, alpha, np.ones(SHAPE), PITCH, FREE)
     A = hats(alpha, field.grid) * alpha.reshape(-1, 1)
     D, cost = dense(field.grid.differences()), 0.0
     for c in range(3):
@@ -166,8 +166,8 @@ def test_the_cost_is_invariant_to_the_brightness_scale(scale):
     light, alpha, weight = picture()
     C, B, V_C, V_B = light
     brighter = scale * C, scale * B, scale**2 * V_C, scale**2 * V_B
-    one, e = fit_field(light, alpha, weight, PITCH, FREE)
-    other, e_other = fit_field(brighter, alpha, weight, PITCH, FREE)
+    one, e = fit_colors(light, alpha, weight, PITCH, FREE)
+    other, e_other = fit_colors(brighter, alpha, weight, PITCH, FREE)
     assert_allclose(other.cost, one.cost, rtol=1e-9)
     assert_allclose(other.colors, scale * one.colors, rtol=1e-8)
     assert_allclose(other.mean_std, scale * one.mean_std, rtol=1e-8)
@@ -179,8 +179,8 @@ def test_the_cost_is_invariant_to_the_order_and_signs_of_axes():
     light, alpha, weight = picture()
     order, signs = [0, 2, 1], np.array([1.0, -1, 1])
     C, B, V_C, V_B = (np.ascontiguousarray(x[..., order]) for x in light)
-    one, e = fit_field(light, alpha, weight, PITCH, FREE)
-    other, e_other = fit_field((signs * C, signs * B, V_C, V_B), alpha, weight, PITCH, FREE)
+    one, e = fit_colors(light, alpha, weight, PITCH, FREE)
+    other, e_other = fit_colors((signs * C, signs * B, V_C, V_B), alpha, weight, PITCH, FREE)
     assert_allclose(other.cost, one.cost, rtol=1e-9)
     assert_allclose(other.colors, signs * one.colors[:, order], atol=1e-9)
     assert_allclose(e_other, signs[:, None, None] * e[order], atol=1e-8)
@@ -193,8 +193,8 @@ def test_colors_are_invariant_to_a_rotation_of_axes():
     light, alpha = colored(k, noise=0.003)
     R = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0]
     C, B, V_C, V_B = (np.ascontiguousarray(x) for x in (light[0] @ R, light[1] @ R, *light[2:]))
-    one, _ = fit_field(light, alpha, np.ones(SHAPE), PITCH, FREE)
-    other, _ = fit_field((C, B, V_C, V_B), alpha, np.ones(SHAPE), PITCH, FREE)
+    one, _ = fit_colors(light, alpha, np.ones(SHAPE), PITCH, FREE)
+    other, _ = fit_colors((C, B, V_C, V_B), alpha, np.ones(SHAPE), PITCH, FREE)
     off = (other.light(alpha) @ R.T - one.light(alpha))[alpha > 0]
     assert np.sqrt(np.mean(off**2)) < 0.0015
 
@@ -204,7 +204,7 @@ def test_information_is_that_of_alpha_with_marginal_colors():
     light, alpha, weight = picture()
     _, B, V_C, V_B = light
     J = np.random.default_rng(3).normal(size=(*SHAPE, 4)) * (alpha > 0)[..., None]
-    field, e = fit_field(light, alpha, weight, PITCH, FREE)
+    field, e = fit_colors(light, alpha, weight, PITCH, FREE)
     H, g = field.information(J, light, alpha, weight, e)
     A, n = hats(alpha, field.grid) * alpha.reshape(-1, 1), field.grid.size
     expected, slope = np.zeros((4, 4)), np.zeros(4)
@@ -229,14 +229,14 @@ def test_information_is_that_of_alpha_with_marginal_colors():
 def test_an_outlier_has_little_weight(outlier):
     light, alpha = colored(np.full((*SHAPE, 3), 0.5), noise=0.01)
     light[0][8, 10] += 5 * outlier
-    field, e = fit_field(light, alpha, np.ones(SHAPE), PITCH, FREE)
+    field, e = fit_colors(light, alpha, np.ones(SHAPE), PITCH, FREE)
     assert_allclose(field.colors, 0.5, atol=0.04)
     assert (student_weight((e**2).sum(axis=0), 3)[8, 10] < 1e-3) == outlier
 
 
 def test_a_field_without_an_object_is_empty():
     light, alpha, weight = picture()
-    field, e = fit_field(light, 0 * alpha, weight, PITCH, FREE)
+    field, e = fit_colors(light, 0 * alpha, weight, PITCH, FREE)
     assert field.colors.shape == (0, 3)
     difference = (light[0] - light[1]) / np.sqrt(light[2] + light[3])
     assert_allclose(e, np.moveaxis(difference, 2, 0))
@@ -248,7 +248,7 @@ def test_a_spread_of_colors_is_found_along_its_axis_alone():
     brightness = 0.5 + 0.1 * np.sin(x / 4) * np.cos(y / 4)
     k = brightness[..., None] * np.array([1.0, 0, 0])
     light, alpha = colored(k, noise=0.003)
-    field, _ = fit_field(light, alpha, np.ones(SHAPE), PITCH, FREE)
+    field, _ = fit_colors(light, alpha, np.ones(SHAPE), PITCH, FREE)
     assert field.spread[0] > 0.03
     assert field.spread[1:].max() < 0.015
 
@@ -266,7 +266,7 @@ def scatter_of_the_mean(prior, spread, draws=64, noise=0.02):
         k = (A @ (color + L @ rng.normal(size=(grid.size, 3)))).reshape(*SHAPE, 3)
         C = a * k + (1 - a) * B + noise * rng.normal(size=V.shape)
         seen = B + noise * rng.normal(size=V.shape)
-        field, _ = fit_field((C, seen, V, V), alpha, np.ones(SHAPE), PITCH, prior)
+        field, _ = fit_colors((C, seen, V, V), alpha, np.ones(SHAPE), PITCH, prior)
         z.append((field.mean - color) / field.mean_std)
     return np.sqrt(np.mean(np.square(z)))
 

@@ -36,7 +36,7 @@ from blurmatte.radiometry.image import VARIANCE_FLOOR
 from blurmatte.statistics import CORRELATED_PX, DECISIVE_LOG_BAYES_FACTOR, mean_of_blocks
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.calibration import OddsTerms, fitted_calibration
-from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_field
+from blurmatte.sweep.model.color_field import AT_REST, ColorField, Light, fit_colors
 from blurmatte.sweep.model.observation import Observation, means
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.student_t import loss, student_weight
@@ -149,7 +149,7 @@ class _Compared:
     def fitted(self, weight: Array) -> tuple[ColorField, Array]:
         """Colors that are fitted to pixels of this weight (h, w), and residuals (3, h, w) of all."""
         pitch, color = self.observation.pitch, self.observation.color
-        return fit_field(self.light, self.alpha, weight, pitch, color, motion=self.motion)
+        return fit_colors(self.light, self.alpha, weight, pitch, color, motion=self.motion)
 
     def loss(self, e: Array) -> Array:
         """(h, w) nats of residuals (3, h, w)."""

@@ -27,7 +27,7 @@ from blurmatte.streaks import dilated
 from blurmatte.sweep.fit.multistart import with_principal_axes
 from blurmatte.sweep.fit.ranking import MAX_LIGHT, MIN_LIGHT, bic_penalty
 from blurmatte.sweep.model import mask_kernel as kernel
-from blurmatte.sweep.model.color_field import fit_field
+from blurmatte.sweep.model.color_field import fit_colors
 from blurmatte.sweep.model.mask import Mask, rim_price
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import FROM_REST, LINE, PathFamily
@@ -201,7 +201,7 @@ class _Problem:
         shown = np.where(alpha > _SHOWN, alpha, 0)
         known = observation.light, shown, observation.weight, observation.pitch, observation.color
         motion = self.family.motion(self.path, observation.scale)
-        field, _ = fit_field(*known, observation.of_none[0], motion)
+        field, _ = fit_colors(*known, observation.of_none[0], motion)
         solid = alpha > 10 * _SHOWN
         light = field.light(shown) / np.where(solid, alpha, 1)[..., None]
         color = np.where(solid[..., None], light, field.mean) @ observation.color.axes.T

@@ -37,7 +37,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.sweep.model import color_field_kernel
 
 Light = tuple[Array, Array, Array, Array]
-AT_REST = np.zeros((2, 2))  # the `motion` of `fit_field`
+AT_REST = np.zeros((2, 2))  # the `motion` of `fit_colors`
 EVEN = np.array([1.0, 1.0, 0.0, 0.0])  # stiffness without motion
 
 # τ/κ of an object's own texture, whose correlation length is a pitch: √(2 − 2/√e)
@@ -171,7 +171,7 @@ def residuals_of_none(light: Light) -> Array:
     return np.ascontiguousarray(np.moveaxis((C - B) / np.sqrt(V_C + V_B), 2, 0))
 
 
-def fit_field(
+def fit_colors(
     light: Light,
     alpha: Array,
     weight: Array,
@@ -202,7 +202,7 @@ def stiffness_of(motion: Array, pitch: float) -> Array:
     """(4,) weights of squared differences of nodes along rows, columns and both diagonals.
 
     Of a path that turns, the velocities that differ from the main direction count against it: light
-    changes in turn along each part of the path. `motion` is that of `fit_field`.
+    changes in turn along each part of the path. `motion` is that of `fit_colors`.
     """
     (least, most), directions = np.linalg.eigh(motion)
     more = _USUAL_CHANGE**2 / 2 * (most - least) / pitch**2

@@ -8,7 +8,7 @@ import numpy as np
 from blurmatte.checks import Array, Bools
 from blurmatte.statistics import CORRELATED_PX, mean_of_blocks
 from blurmatte.streaks import dilated
-from blurmatte.sweep.model.color_field import ColorField, fit_field
+from blurmatte.sweep.model.color_field import ColorField, fit_colors
 from blurmatte.sweep.model.observation import BACKGROUND_MARGIN_PX, Observation
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.shape import FlatShape, Shape, SweptAlpha
@@ -171,7 +171,7 @@ def _explained(
     """Field, residuals and cost of a `State`."""
     light, weight, (none, loss) = observation.light, observation.weight, observation.of_none
     motion = family.motion(path, observation.scale)
-    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color, none, motion)
+    field, e = fit_colors(light, alpha, weight, observation.pitch, observation.color, none, motion)
     cost = loss + field.loss + field.cost
     if observation.prior is not None:
         cost += observation.prior.cost(family, path, shape)
