@@ -4,6 +4,7 @@ Blocks can be replaced by newly compressed pixels; all other blocks keep their c
 """
 
 import io
+import re
 import struct
 from dataclasses import replace
 
@@ -25,6 +26,8 @@ from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.sensor import Orientation
 
 _UPRIGHT = Orientation()
+# In coded data a byte 0xFF is followed by a zero; any number of them may precede a marker.
+_STUFFED, _MARKER = re.compile(rb"\xff+\0"), re.compile(rb"\xff([^\0\xff])")
 # Sampling factors of all components to Pillow's `subsampling`.
 _PILLOW_SUBSAMPLING = {
     ((1, 1),): 0,
@@ -96,14 +99,9 @@ def _decode(segments: Segments, scan: Scan, out: Ints16) -> int:
     """Decode a scan into the blocks `out`; return the offset of the next marker."""
     order, slots = segments.scan_order(scan.components)
     interval = scan.interval or len(order)
-    data = np.frombuffer(segments.data, np.uint8)
-    bits = np.zeros(len(data) - scan.start + entropy.PADDING_BYTES, np.uint8)
-    bounds = np.zeros(-(-len(order) // interval) + 1, np.int64)
-    end = int(entropy.unstuff(data, scan.start, bits, bounds))
-    if end == entropy.TRUNCATED:
-        raise JpegError("the JPEG is truncated")
-    if end == entropy.BAD_RESTART:
-        raise JpegError("the JPEG is damaged (a restart marker is out of order)")
+    parts, end = _intervals(segments.data, scan.start, -(-len(order) // interval))
+    bits = np.frombuffer(b"".join(parts) + bytes(entropy.PADDING_BYTES), np.uint8)
+    bounds = np.cumsum([0, *map(len, parts)])
     invalid = np.zeros(1 << 16, np.uint16)
     dc, ac = (
         np.stack([table if len(table) else invalid for table in tables])
@@ -119,6 +117,20 @@ def _decode(segments: Segments, scan: Scan, out: Ints16) -> int:
     if not entropy.decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, band, out):
         raise JpegError("the JPEG is damaged or truncated")
     return end
+
+
+def _intervals(data: bytes, start: int, count: int) -> tuple[list[bytes], int]:
+    """The restart intervals of a scan without stuffed zeros, and the offset of the next marker."""
+    parts: list[bytes] = []
+    for marker in _MARKER.finditer(data, start):
+        parts.append(_STUFFED.sub(b"\xff", data[start : marker.start()].rstrip(b"\xff")))
+        start, number = marker.end(), marker[1][0] - Marker.RST0
+        last = not 0 <= number < 8
+        if last != (len(parts) == count) or not (last or number == (len(parts) - 1) % 8):
+            raise JpegError("the JPEG is damaged (a restart marker is out of order)")
+        if last:
+            return parts, marker.start()
+    raise JpegError("the JPEG is truncated")
 
 
 def jpeg_bytes(jpeg: Jpeg) -> bytes:
@@ -138,8 +150,8 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
         raise JpegError("the JPEG is damaged (a coefficient is too large)")
     codes, lengths, tables = _huffman_tables(counts)
     bits = int((counts * (lengths + np.arange(256) % 16)).sum())
-    packed = np.empty(2 * (bits // 8 + 1), np.uint8)
-    length = entropy.pack(tokens[:used], codes, lengths, packed)
+    packed = np.empty(-(-bits // 8), np.uint8)
+    entropy.pack(tokens[:used], codes, lengths, packed)
     return b"".join(
         [
             struct.pack(">BB", 0xFF, Marker.SOI),
@@ -148,7 +160,7 @@ def jpeg_bytes(jpeg: Jpeg) -> bytes:
             _frame_segment(jpeg),
             stored_segment(Marker.DHT, tables),
             _scan_segment(jpeg),
-            packed[:length].tobytes(),
+            packed.tobytes().replace(b"\xff", b"\xff\0"),
             struct.pack(">BB", 0xFF, Marker.EOI),
         ]
     )

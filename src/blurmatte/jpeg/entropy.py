@@ -11,47 +11,9 @@ import numpy as np
 from blurmatte.compiling import njit
 
 PADDING_BYTES = 1024  # at least 64 codes of 16 bits with 16 additional bits each: 256 bytes
-TRUNCATED, BAD_RESTART = -1, -2
 SEQUENTIAL, DC_FIRST, DC_REFINED, AC_FIRST, AC_REFINED = range(5)
 _MAX_DC = 1 << 14  # keeps DC differences within 15 bits; 8-bit pixels need 11
 _RUN = 4  # index in `state` of the remaining end-of-band run, after the DC values of four slots
-
-
-@njit()
-def unstuff(data, start, bits, bounds):  # type: ignore[no-untyped-def]
-    """Copy the data of a scan to `bits` without stuffing; return the offset of the next marker.
-
-    `bounds` receives 0 and the end of each restart interval. Returns TRUNCATED or BAD_RESTART if the
-    number of intervals differs from the length of `bounds`.
-    """
-    at, n, intervals = start, 0, 0
-    bounds[0] = 0
-    size = data.shape[0]
-    while at < size:
-        byte = data[at]
-        if byte != 0xFF:
-            bits[n] = byte
-            n, at = n + 1, at + 1
-            continue
-        mark = at
-        while at < size and data[at] == 0xFF:
-            at += 1
-        if at == size:
-            return TRUNCATED
-        if data[at] == 0:
-            bits[n] = 0xFF
-            n, at = n + 1, at + 1
-        elif 0xD0 <= data[at] <= 0xD7:
-            if data[at] - 0xD0 != intervals % 8 or intervals + 2 >= bounds.shape[0]:
-                return BAD_RESTART
-            intervals, at = intervals + 1, at + 1
-            bounds[intervals] = n
-        else:
-            if intervals + 2 != bounds.shape[0]:
-                return BAD_RESTART
-            bounds[intervals + 1] = n
-            return mark
-    return TRUNCATED
 
 
 @njit(inline="always")
@@ -261,9 +223,9 @@ def tokenize(blocks, order, slots, tokens, counts):  # type: ignore[no-untyped-d
 
 @njit()
 def pack(tokens, codes, lengths, out):  # type: ignore[no-untyped-def]
-    """Write the tokens' Huffman codes and additional bits to `out`; return the number of bytes.
+    """Write the tokens' Huffman codes and additional bits to `out`, which they fill.
 
-    A zero is stuffed after every byte 0xFF; the last byte is padded with ones.
+    The last byte is padded with ones.
     """
     held, count, n = np.uint64(0), np.int64(0), 0
     for i in range(tokens.shape[0]):
@@ -275,18 +237,8 @@ def pack(tokens, codes, lengths, out):  # type: ignore[no-untyped-def]
         count += length + size
         while count >= 8:
             count -= 8
-            byte = (held >> np.uint64(count)) & np.uint64(255)
-            out[n] = byte
+            out[n] = (held >> np.uint64(count)) & np.uint64(255)
             n += 1
-            if byte == 255:
-                out[n] = 0
-                n += 1
     if count:
         rest = 8 - count
-        byte = ((held << np.uint64(rest)) | np.uint64((1 << rest) - 1)) & np.uint64(255)
-        out[n] = byte
-        n += 1
-        if byte == 255:
-            out[n] = 0
-            n += 1
-    return n
+        out[n] = ((held << np.uint64(rest)) | np.uint64((1 << rest) - 1)) & np.uint64(255)

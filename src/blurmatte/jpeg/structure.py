@@ -130,6 +130,7 @@ class Marker(IntEnum):
     SOF2 = 0xC2
     SOF15 = 0xCF
     DHT = 0xC4
+    RST0 = 0xD0
     SOI = 0xD8
     EOI = 0xD9
     SOS = 0xDA
