@@ -151,10 +151,8 @@ def _hats(grid: Grid, shape: tuple[int, ...]) -> "scipy.sparse.csr_array":
 def _lower_band(matrix: "scipy.sparse.sparray", width: int) -> Array:
     """(width, n) lower band of a sparse symmetric matrix (n, n)."""
     diagonals, band = matrix.todia(), np.zeros((width, matrix.shape[0]))
-    lower, known = (
-        diagonals.offsets <= 0,
-        diagonals.data.shape[1],
-    )  # last columns of zeros are left out
+    lower = diagonals.offsets <= 0
+    known = diagonals.data.shape[1]  # columns of zeros at the end are left out
     band[-diagonals.offsets[lower], :known] = diagonals.data[lower]
     return band
 
